@@ -1,0 +1,18 @@
+within DriveTrain.Components;
+model Motor "Motor whose torque is known from its current, tau = k_m Iq"
+  Interfaces.Flange flange "Shaft";
+  Interfaces.TorqueSignal signal "Port for effects of the torque channel";
+  parameter Real J(unit="kg.m2", min=0, max=1, nominal=1e-4) = 0 "Rotor inertia";
+  Real phi(unit="rad") "Angle";
+  Real w(unit="rad/s") "Speed";
+  Real a(unit="rad/s2") "Acceleration";
+  input Real tau(unit="N.m") "Torque as measured or commanded, k_m Iq";
+  Real tau_shaft(unit="N.m") "True torque at the shaft";
+equation
+  phi = flange.phi;
+  w = der(phi);
+  a = der(w);
+  tau = tau_shaft + J * a + signal.dtau;
+  flange.tau = -tau_shaft;
+  signal.tau = tau_shaft;
+end Motor;

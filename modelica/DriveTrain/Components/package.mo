@@ -1,0 +1,3 @@
+within DriveTrain;
+package Components "Parts of a drive train"
+end Components;

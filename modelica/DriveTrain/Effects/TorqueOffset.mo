@@ -1,0 +1,6 @@
+within DriveTrain.Effects;
+model TorqueOffset "Constant error of the torque channel"
+  extends Interfaces.MotorEffect(dtau=o);
+  parameter Real o(unit="N.m", min=-5, max=5, nominal=0.01) = 0 "Offset";
+  annotation(__pycosim(size="o"));
+end TorqueOffset;

@@ -1,0 +1,6 @@
+within DriveTrain.Effects;
+model Viscous "Friction that grows with speed"
+  extends Interfaces.SegmentEffect(dF=b * abs(friction.w));
+  parameter Real b(unit="N.m.s/rad", min=0, max=10, nominal=0.01) = 0 "Viscous coefficient";
+  annotation(__pycosim(size="b"));
+end Viscous;

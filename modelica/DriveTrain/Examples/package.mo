@@ -1,0 +1,3 @@
+within DriveTrain;
+package Examples "Small models to start from"
+end Examples;

@@ -1,0 +1,13 @@
+within DriveTrain.Interfaces;
+partial model SegmentEffect "Changes the law of one segment from inside"
+  Friction friction "Port of the segment";
+  Real dF(unit="N.m") = 0 "Addition to the friction torque";
+  Real df0(unit="N.m") = 0 "Addition to the load-independent loss";
+  Real ds(unit="1") = 0 "Addition to the friction state";
+  Real dmu(unit="1") = 0 "Addition to the efficiency";
+equation
+  friction.dF = -dF;
+  friction.df0 = -df0;
+  friction.ds = -ds;
+  friction.dmu = -dmu;
+end SegmentEffect;

@@ -1,0 +1,13 @@
+within DriveTrain.Interfaces;
+model SegmentProbe "Additions to the law of a segment as free parameters, to ask how sensitive the model is to them"
+  Friction friction "Port of the segment";
+  parameter Real dF(unit="N.m") = 0 "Addition to the friction torque";
+  parameter Real df0(unit="N.m") = 0 "Addition to the load-independent loss";
+  parameter Real ds(unit="1") = 0 "Addition to the friction state";
+  parameter Real dmu(unit="1") = 0 "Addition to the efficiency";
+equation
+  friction.dF = -dF;
+  friction.df0 = -df0;
+  friction.ds = -ds;
+  friction.dmu = -dmu;
+end SegmentProbe;

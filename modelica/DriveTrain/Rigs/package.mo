@@ -1,0 +1,3 @@
+within DriveTrain;
+package Rigs "Machines that are identified, simulated and exported"
+end Rigs;

@@ -1,0 +1,3 @@
+within DriveTrain;
+package UsersGuide "Conventions"
+end UsersGuide;

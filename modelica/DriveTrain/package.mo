@@ -1,0 +1,2 @@
+package DriveTrain "Geared and cable-driven actuators: segments with load-dependent friction, effects, rigs"
+end DriveTrain;

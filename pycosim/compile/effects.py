@@ -1,0 +1,243 @@
+"""The effects of the library, the places of a rig, and the Modelica text that attaches one to the other.
+
+An effect is one Modelica file. What it is, where it can sit and what it needs is read from that file: the connectors it
+extends say at which components it can hang, its inputs are bound to the rig's variables of the same name, and its
+annotation ``__pycosim`` names the coefficient that measures its size and those that vanish with it.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+
+
+from ..errors import UnknownNameError, closest
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A candidate physical effect.
+
+    Attributes
+    ----------
+    id : str
+        Name in studies and results, as ``direction_asymmetry``.
+    model : str
+        Modelica class.
+    connectors : dict of str to str
+        Name to connector class; a place needs the same.
+    inputs : tuple of str
+        Variables of the rig it reads (``time`` is always there).
+    size : tuple of str
+        Coefficients that are zero (or neutral) when the effect is absent and that enter linearly at that point.
+    scan : dict of str to str
+        Coefficients that vanish with the effect, and how to lay a grid over them.
+    replaces : str
+        Parameter of the place that makes the effect superfluous while it is free.
+    system : bool
+        Whether one set of coefficients may act on all places at once.
+    description : str
+    """
+
+    id: str
+    model: str
+    connectors: dict
+    inputs: tuple
+    size: tuple
+    scan: dict = field(default_factory=dict)
+    replaces: str = ""
+    system: bool = False
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an effect sits: one or several components with one shared set of coefficients."""
+
+    name: str
+    components: tuple
+
+
+def annotation(library, name):
+    """Vendor annotation ``__pycosim`` of a class and its bases, as a dict of strings, nearest first."""
+    found = {}
+    for _, node in library.bases(name):
+        for argument in getattr(node.annotation, "arguments", None) or []:
+            value = argument.value
+            if str(getattr(value, "component", "")) == "__pycosim":
+                for modification in value.modifications:
+                    for inner in modification.arguments:
+                        key = str(inner.value.component)
+                        text = inner.value.modifications[0]
+                        found.setdefault(key, str(getattr(text, "value", text)))
+    return found
+
+
+def snake(name):
+    """``TorqueOffset`` to ``torque_offset``."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+
+def _members(library, name):
+    """Components of a class and its bases: name to (resolved class or builtin, prefixes)."""
+    members = {}
+    for cls, node in reversed(list(library.bases(name))):
+        scope = cls
+        for symbol in node.symbols.values():
+            kind = str(symbol.type)
+            if kind not in ("Real", "Integer", "Boolean", "String"):
+                kind = library.resolve(kind, scope)
+            members[symbol.name] = (kind, tuple(symbol.prefixes))
+    return members
+
+
+def is_connector(library, name):
+    """Whether a class is a connector."""
+    return name not in ("Real", "Integer", "Boolean", "String") and library.find(name).type == "connector"
+
+
+def catalogue(library):
+    """All effects the library holds, by id: every model that extends an effect interface.
+
+    Returns
+    -------
+    dict of str to Effect
+    """
+    return library.memo("catalogue", lambda: dict(_effects(library)))
+
+
+def _effects(library):
+    for name in library.walk():
+        node = library.find(name)
+        if node.type != "model" or node.partial:
+            continue
+        bases = [b for b, _ in library.bases(name)][1:]
+        if not any(re.fullmatch(r"DriveTrain\.Interfaces\.\w+Effect", b) for b in bases):
+            continue
+        members = _members(library, name)
+        notes = annotation(library, name)
+        scan = dict(item.split(":") for item in notes.get("scan", "").replace(" ", "").split(";") if item)
+        effect = Effect(
+            snake(name.rsplit(".", 1)[-1]), name,
+            {n: kind for n, (kind, _) in members.items() if is_connector(library, kind)},
+            tuple(n for n, (kind, prefixes) in members.items() if "input" in prefixes),
+            tuple(notes.get("size", "").split()), scan, notes.get("replaces", ""),
+            notes.get("place") == "system", (node.comment or "").strip('"'))
+        yield effect.id, effect
+
+
+def places(library, rig, effect):
+    """Places of a rig where an effect can hang, joined places after single ones.
+
+    Parameters
+    ----------
+    library : Library
+    rig : str
+        Modelica class.
+    effect : Effect
+
+    Returns
+    -------
+    list of Place
+    """
+    members = _members(library, rig)
+    if any(n not in members for n in effect.inputs):
+        return []
+    if not effect.connectors:
+        return []
+    notes = annotation(library, rig)
+    names = {c: p for p, c in (pair.split("=") for pair in notes.get("places", "").split())}
+    single = []
+    for component, (kind, _) in members.items():
+        if kind in ("Real", "Integer", "Boolean", "String") or is_connector(library, kind):
+            continue
+        have = _members(library, kind)
+        if all(have.get(c, ("",))[0] == t for c, t in effect.connectors.items()):
+            single.append(Place(names.get(component, component), (component,)))
+    by_name = {p.name: p.components[0] for p in single}
+    joined = [Place(g, tuple(by_name[m] for m in g.split("+"))) for g in notes.get("joined", "").split()
+              if all(m in by_name for m in g.split("+"))]
+    if effect.system and len(single) > 1:
+        joined.append(Place("system", tuple(p.components[0] for p in single)))
+    return single + joined
+
+
+def find_effect(library, name):
+    """Return the effect of this id.
+
+    Raises
+    ------
+    UnknownNameError
+    """
+    effects = catalogue(library)
+    if name not in effects:
+        raise UnknownNameError(f"no effect '{name}'{closest(name, effects)}")
+    return effects[name]
+
+
+def find_place(library, rig, effect, name):
+    """Return the place of this name.
+
+    Raises
+    ------
+    UnknownNameError
+        The rig has no such place for the effect.
+    """
+    options = places(library, rig, effect)
+    for place in options:
+        if place.name == name:
+            return place
+    if not options:
+        raise UnknownNameError(f"effect '{effect.id}' has no place in {rig}: it needs "
+                               f"{', '.join([*effect.connectors, *effect.inputs])}")
+    raise UnknownNameError(f"no place '{name}' for '{effect.id}' in {rig}{closest(name, [p.name for p in options])}")
+
+
+def component_name(effect, place):
+    """Modelica name of the component that carries an effect's coefficients: ``viscous_1A_2A``."""
+    return f"{effect.id}_{place.name.replace('+', '_').replace('.', '_')}"
+
+
+def attachment(effect, place):
+    """Declarations and connections that hang an effect on a place."""
+    base = component_name(effect, place)
+    declared, connected = [], []
+    for k, component in enumerate(place.components):
+        name = base if k == 0 else f"{base}_at_{component.replace('.', '_')}"
+        bound = [f"{c} = {base}.{c}" for c in dict.fromkeys((*effect.size, *effect.scan))] if k else []
+        text = f"({', '.join(bound)})" if bound else ""
+        declared.append(f'  {effect.model} {name}{text} "{effect.description} at {place.name}";')
+        connected += [f"  connect({name}.{c}, {component}.{c});" for c in effect.connectors]
+        connected += [f"  {name}.{i} = {i};" for i in effect.inputs]  # as a modifier, pymoca would find the inner name
+    return declared, connected
+
+
+def extend(rig, attached, name="Improved"):
+    """Modelica text of a rig with effects.
+
+    Parameters
+    ----------
+    rig : str
+        Modelica class.
+    attached : list of (Effect, Place)
+    name : str
+        Name of the new class.
+
+    Returns
+    -------
+    str
+    """
+    declared, connected = [], []
+    for effect, place in attached:
+        d, c = attachment(effect, place)
+        declared += d
+        connected += c
+    lines = [f'model {name} "{rig} with the effects that the measurements asked for"', f"  extends {rig};", *declared]
+    if connected:
+        lines += ["equation", *connected]
+    return "\n".join([*lines, f"end {name};", ""])
+
+
+
+

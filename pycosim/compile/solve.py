@@ -1,0 +1,408 @@
+"""Residual equations and the list of known variables in, explicit CasADi expressions of the unknown ones out.
+
+The method: substitute away every equation that is linear in one of its unknowns with a coefficient free of unknowns;
+when a differentiated variable goes, its derivative becomes the derivative of its expression (this is the index
+reduction); what is left is cut into blocks, and a block that is piecewise linear in its unknowns (a segment's law) is
+solved in closed form, sign case by sign case.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+
+from ..errors import ModelicaError
+
+
+@dataclass
+class Solution:
+    """What is left of a model once its known variables are known.
+
+    Attributes
+    ----------
+    values : dict of str to SX
+        Every eliminated variable, as an expression of known variables, states, parameters and ``algebraic``.
+    states : list of str
+        Differentiated variables that stay.
+    algebraic : list of str
+        Unknowns of ``residuals`` that have no closed form (empty for ``estimate`` and ``compensate``).
+    residuals : list of SX
+    """
+
+    symbols: dict
+    values: dict = field(default_factory=dict)
+    states: list = field(default_factory=list)
+    algebraic: list = field(default_factory=list)
+    residuals: list = field(default_factory=list)
+
+
+def der(name, order=1):
+    """Name of a derivative: ``der(x)``, ``der(der(x))``."""
+    return name if order == 0 else der(f"der({name})", order - 1)
+
+
+class _System:
+    """The equations while they shrink."""
+
+    def __init__(self, flat, known, drop):
+        self.flat = flat
+        self.symbols = dict(flat.symbols)
+        self.known = set(flat.parameters) | {"time"} | set(known)
+        self.unknown = (set(flat.variables) | set(flat.derivatives.values())) - self.known
+        self.differentiated = {x for x in flat.derivatives if x not in self.known}
+        self.solved = []
+        self.equations = {}
+        self.where = {}
+        self.counter = itertools.count()
+        for x in [x for x in flat.derivatives if x in self.known]:
+            self.symbol(der(x), known=True)
+            if x in known and der(x) in flat.derivatives:
+                self.symbol(der(x, 2), known=True)
+        for equation in flat.equations:
+            self.add(equation)
+
+    def symbol(self, name, known=False):
+        if name not in self.symbols:
+            self.symbols[name] = ca.SX.sym(name)
+            if known:
+                self.known.add(name)
+            else:
+                self.unknown.add(name)
+        elif known:
+            self.known.add(name)
+            self.unknown.discard(name)
+        return self.symbols[name]
+
+    def names(self, expression):
+        return {s.name() for s in ca.symvar(expression)} & self.unknown
+
+    def add(self, equation):
+        equation = ca.simplify(equation)
+        names = self.names(equation)
+        key = next(self.counter)
+        self.equations[key] = (equation, names)
+        for n in names:
+            self.where.setdefault(n, set()).add(key)
+
+    def drop(self, key):
+        _, names = self.equations.pop(key)
+        for n in names:
+            self.where[n].discard(key)
+
+    def bind(self, name, expression):
+        """Eliminate an unknown: put its expression wherever it stands."""
+        if name in self.known:
+            return
+        self.unknown.discard(name)
+        self.solved.append((name, expression))
+        for key in sorted(self.where.pop(name, ())):
+            equation, _ = self.equations[key]
+            self.drop_keep(key, name)
+            self.add(ca.substitute(equation, self.symbols[name], expression))
+
+    def drop_keep(self, key, name):
+        _, names = self.equations.pop(key)
+        for n in names - {name}:
+            self.where[n].discard(key)
+
+    def derivative(self, expression):
+        """Total time derivative; names of derivatives are created as needed."""
+        total = ca.SX(0)
+        for s in ca.symvar(expression):
+            name = s.name()
+            partial = ca.jacobian(expression, s)
+            if name == "time":
+                total += partial
+            elif name in self.flat.parameters:
+                continue
+            elif name in self.known:
+                total += partial * self.symbol(der(name), known=True)
+            else:
+                total += partial * self.rate(name)
+        return ca.simplify(total)
+
+    def rate(self, name):
+        """Symbol of the derivative of an unknown; the unknown becomes differentiated."""
+        rate = self.flat.derivatives.get(name, der(name))
+        if name not in self.differentiated:
+            self.differentiated.add(name)
+            self.flat.derivatives.setdefault(name, rate)
+        return self.symbol(rate)
+
+
+def _usable(system, coefficient):
+    """Whether a coefficient may be divided by: free of unknowns, and never zero within the parameters' bounds."""
+    if system.names(coefficient):
+        return False
+    names = [s.name() for s in ca.symvar(coefficient)]
+    if not names:
+        return abs(float(ca.DM(ca.evalf(coefficient)))) > 1e-12
+    parameters = system.flat.parameters
+    if any(n not in parameters or parameters[n].min == 0 for n in names):
+        return False
+    value = ca.Function("c", [system.symbols[n] for n in names], [coefficient])
+    return abs(float(value(*[parameters[n].value for n in names]))) > 1e-12
+
+
+def _candidates(system, equation, names, prefer, rates_too):
+    """Unknowns that this equation can be solved for, best first, with coefficient."""
+    rates = set(system.flat.derivatives.values())
+    has_rate = bool(names & rates)
+    plain = names - system.differentiated - rates
+    if has_rate and not rates_too:
+        return []
+    found = []
+    for n in names:
+        if n in system.differentiated and (has_rate or plain or system.flat.derivatives[n] not in system.unknown):
+            continue
+        coefficient = ca.simplify(ca.jacobian(equation, system.symbols[n]))
+        if coefficient.nnz() and _usable(system, coefficient):
+            found.append((n in prefer, n in system.differentiated, n in rates, -n.count("."), -len(n), n, coefficient))
+    found.sort(key=lambda item: item[:6])
+    return [(item[5], item[6]) for item in found]
+
+
+def _eliminate(system, prefer):
+    """Substitute linear equations away, the shortest first; those with rates wait until no other is left."""
+    failed = {False: set(), True: set()}
+    rates_too = False
+    while True:
+        order = sorted((k for k in system.equations if k not in failed[rates_too]),
+                       key=lambda k: (len(system.equations[k][1]), k))
+        progress = False
+        for key in order:
+            equation, names = system.equations[key]
+            if not names:
+                system.drop(key)
+                continue
+            options = _candidates(system, equation, names, prefer, rates_too)
+            if options:
+                _substitute(system, key, *options[0])
+                progress = True
+                break
+            failed[rates_too].add(key)
+        if progress:
+            rates_too = False
+        elif rates_too:
+            return
+        else:
+            rates_too = True
+
+
+def _substitute(system, key, name, coefficient):
+    """Eliminate one unknown by one equation, its derivative along with it."""
+    equation, _ = system.equations[key]
+    expression = ca.simplify(-ca.substitute(equation, system.symbols[name], 0) / coefficient)
+    system.drop(key)
+    rate = system.flat.derivatives[name] if name in system.differentiated else None
+    system.bind(name, expression)
+    system.differentiated.discard(name)
+    if rate is not None:
+        system.bind(rate, system.derivative(expression))
+
+
+def _blocks(residuals, unknowns, names_of):
+    """Order equations and unknowns into blocks that can be solved one after the other."""
+    incidence = csr_matrix(np.array([[n in names_of(r) for n in unknowns] for r in residuals], dtype=int))
+    match = maximum_bipartite_matching(incidence, perm_type="column")
+    if (match < 0).any():
+        return None
+    n = len(unknowns)
+    column_owner = {match[i]: i for i in range(n)}
+    depends = np.zeros((n, n), dtype=int)
+    for i in range(n):
+        for j in incidence[i].indices:
+            depends[i, column_owner[j]] = 1
+    count, label = connected_components(csr_matrix(depends), directed=True, connection="strong")
+    groups = [[i for i in range(n) if label[i] == c] for c in range(count)]
+    ordered, done = [], set()
+    while groups:
+        for group in groups:
+            needs = {label[column_owner[j]] for i in group for j in incidence[i].indices} - {label[group[0]]}
+            if needs <= done:
+                ordered.append(([residuals[i] for i in group], [unknowns[match[i]] for i in group]))
+                done.add(label[group[0]])
+                groups.remove(group)
+                break
+    return ordered
+
+
+def piecewise_linear(residuals, x):
+    """Closed form of residuals that are linear in x for fixed signs of x (or, for one unknown, quadratic).
+
+    Each sign pattern gives a linear system; the pattern that agrees with its own solution is the right one. The law of
+    a segment is monotone, so it is unique.
+
+    Parameters
+    ----------
+    residuals, x : list of SX
+
+    Returns
+    -------
+    list of SX or None
+        None when the residuals are of another shape.
+    """
+    g, v = ca.vertcat(*residuals), ca.vertcat(*x)
+    jacobian = ca.jacobian(g, v)
+    at_zero = ca.substitute(g, v, ca.DM.zeros(len(x)))
+    signed = [i for i, s in enumerate(x) if _depends(jacobian, s)]
+    if len(signed) > 4:
+        return None
+    if len(x) == 1 and signed and not _linear(jacobian, v, signed):
+        return _quadratic(jacobian, at_zero, x[0])
+    if not _linear(jacobian, v, signed):
+        return None
+    if len(x) == 1:
+        side = ca.sign(-at_zero)
+        return [-at_zero / ca.substitute(jacobian, x[0], side)]
+    best, score = None, None
+    for pattern in itertools.product([1.0, -1.0], repeat=len(signed)):
+        point = ca.DM.zeros(len(x))
+        for i, s in zip(signed, pattern):
+            point[i] = s
+        solution = _solve_small(ca.substitute(jacobian, v, point), -at_zero)
+        fit = ca.inf
+        for i, s in zip(signed, pattern):
+            fit = ca.fmin(fit, s * solution[i]) if isinstance(fit, ca.SX) else s * solution[i]
+        if best is None:
+            best, score = solution, fit
+        else:
+            better = fit > score
+            best = ca.if_else(better, solution, best)
+            score = ca.fmax(fit, score)
+    return [best[i] for i in range(len(x))]
+
+
+def _depends(expression, symbol):
+    return symbol.name() in {s.name() for s in ca.symvar(expression)}
+
+
+def _solve_small(matrix, right):
+    n = matrix.shape[0]
+    if n == 1:
+        return right / matrix
+    if n == 2:
+        a, b, c, d = matrix[0, 0], matrix[0, 1], matrix[1, 0], matrix[1, 1]
+        return ca.vertcat(d * right[0] - b * right[1], a * right[1] - c * right[0]) / (a * d - b * c)
+    return ca.solve(ca.densify(matrix), right)
+
+
+def _numeric(expressions, rng):
+    names = ca.symvar(ca.vertcat(*[ca.vec(e) for e in expressions]))
+    f = ca.Function("f", names, expressions)
+    return [np.array(v) for v in f.call([ca.DM(rng.uniform(0.2, 0.9)) for _ in names])]
+
+
+def _linear(jacobian, v, signed):
+    """Check that the Jacobian depends on x through its signs alone, by numbers."""
+    rng = np.random.default_rng(0)
+    for pattern in itertools.product([1.0, -1.0], repeat=len(signed)):
+        point = np.full(v.shape[0], 0.7)
+        point[signed] = pattern
+        near, far = (ca.densify(ca.substitute(jacobian, v, scale * ca.DM(point))) for scale in (1.0, 2.3))
+        a, b = _numeric([near, far], rng)
+        if not np.allclose(a, b, rtol=1e-9, atol=1e-12):
+            return False
+    return True
+
+
+def _quadratic(jacobian, at_zero, x):
+    """Root of g0 + a x + b x^2 on either side of zero, the one that the linear law continues to."""
+    roots = []
+    for s in (1.0, -1.0):
+        one, two, three = (ca.substitute(jacobian, x, k * s) for k in (1, 2, 3))
+        values = _numeric([ca.densify(v) for v in (one, two, three)], np.random.default_rng(0))
+        if not np.allclose(values[2] - values[1], values[1] - values[0], rtol=1e-8, atol=1e-12):
+            return None
+        a, b = 2 * one - two, (two - one) / (2 * s)
+        discriminant = ca.fmax(a * a - 4 * b * at_zero, 0)
+        roots.append(-2 * at_zero / (a + ca.sqrt(discriminant)))
+    return [ca.if_else(at_zero <= 0, roots[0], roots[1])]
+
+
+def solve(flat, known, keep=(), explicit=True):
+    """Solve a flat model for everything but what is known.
+
+    Parameters
+    ----------
+    flat : Flat
+    known : list of str
+        Variables that are given as functions of time; their derivatives are given too, under the names ``der(x)``.
+    keep : list of str
+        States to keep rather than eliminate, where there is a choice.
+    explicit : bool
+        Solve what is left in closed form (``estimate``, ``compensate``); else leave it as residuals (``simulate``).
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    ModelicaError
+        Too many or too few equations, or no closed form where one was asked for.
+    """
+    flat.derivatives = dict(flat.derivatives)
+    system = _System(flat, known, ())
+    _eliminate(system, set(keep))
+    rates = {flat.derivatives[x] for x in system.differentiated}
+    solution = Solution(system.symbols)
+    solution.states = sorted(x for x in system.differentiated if x in system.unknown)
+    residuals = [e for e, names in system.equations.values()]
+    unknowns = sorted(system.unknown - set(solution.states))
+    used = {n for r in residuals for n in system.names(r)} | {n for _, e in system.solved for n in system.names(e)}
+    unknowns = [u for u in unknowns if u in used or u in rates]
+    if len(residuals) != len(unknowns):
+        raise ModelicaError(
+            f"'{flat.name}': {len(residuals)} equations are left for {len(unknowns)} unknowns "
+            f"({', '.join(unknowns[:6])}); declare what is free as an input, or connect it")
+    solution.algebraic, solution.residuals = unknowns, residuals
+    if explicit:
+        _close(flat, system, solution)
+    _substitute_back(system, solution)
+    return solution
+
+
+def _close(flat, system, solution):
+    """Solve the remaining blocks in closed form and append them to what is solved."""
+    if not solution.residuals:
+        return
+    state_names = set(solution.states)
+    blocks = _blocks(solution.residuals, solution.algebraic, lambda e: system.names(e) - state_names)
+    if blocks is None:
+        raise ModelicaError(f"'{flat.name}': the equations do not determine {', '.join(solution.algebraic)}")
+    closed = []
+    for residuals, names in blocks:
+        done = [(n, e) for n, e in closed]
+        x = [system.symbols[n] for n in names]
+        inner = [(n, ca.SX.sym(n)) for n, _ in done]
+        # earlier blocks enter as symbols, so that an expression is computed once
+        result = piecewise_linear(residuals, x)
+        if result is None:
+            raise ModelicaError(
+                f"'{flat.name}': no closed form for {', '.join(names)}; an effect must be linear, absolute or "
+                "quadratic in the load")
+        del inner
+        closed += list(zip(names, result))
+    system.solved += [(n, e) for n, e in reversed(closed)]
+    solution.algebraic, solution.residuals = [], []
+
+
+def _substitute_back(system, solution):
+    """Fill in values in reverse order of elimination, so that every value is explicit."""
+    free = [system.symbols[n] for n in sorted(system.known | set(solution.states) | set(solution.algebraic))
+            if n in system.symbols]
+    values = {}
+    for name, expression in reversed(system.solved):
+        inner = [s for s in ca.symvar(expression) if s.name() in values]
+        values[name] = (ca.substitute([expression], inner, [values[s.name()] for s in inner])[0]
+                        if inner else expression)
+    solution.values = values
+    if solution.residuals:
+        solution.residuals = list(solution.residuals)
+    del free

@@ -1,0 +1,52 @@
+"""Errors of pycosim: one sentence that says what is wrong, where, and what to do."""
+
+import difflib
+
+
+class PycosimError(Exception):
+    """Base of every error that bad input can cause; the command line prints it and exits with 2."""
+
+
+class StudyError(PycosimError):
+    """The study file is missing, broken or contradicts itself."""
+
+
+class DataError(PycosimError):
+    """A log cannot be used as it is."""
+
+
+class UnknownNameError(PycosimError):
+    """A name (parameter, effect, place, column, class, unit) that nothing carries."""
+
+
+class ModelicaError(PycosimError):
+    """A Modelica file does not parse, or a class does not compile."""
+
+
+class BoundsError(PycosimError):
+    """A value outside the bounds of its parameter."""
+
+
+def closest(name, known):
+    """Return a clause that names the nearest known names.
+
+    Parameters
+    ----------
+    name : str
+        What was asked for.
+    known : iterable of str
+        What exists.
+
+    Returns
+    -------
+    str
+        ``"; closest: 'x'"``, or the list of known names when nothing is near and the list is short.
+    """
+    known = list(dict.fromkeys(known))
+    folded = {k.lower(): k for k in known}
+    near = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    if near:
+        return f"; closest: '{folded[near[0]]}'"
+    if 0 < len(known) <= 25:
+        return "; known: " + ", ".join(known)
+    return ""
