@@ -250,6 +250,9 @@ def piecewise_linear(residuals, x):
     g, v = ca.vertcat(*residuals), ca.vertcat(*x)
     jacobian = ca.jacobian(g, v)
     at_zero = ca.substitute(g, v, ca.DM.zeros(len(x)))
+    if len(x) == 1:  # a law that falls with its unknown is turned
+        turn = _constant_sign(ca.sign(ca.substitute(jacobian, v, 1.0)))
+        jacobian, at_zero = jacobian * turn, at_zero * turn
     signed = [i for i, s in enumerate(x) if _depends(jacobian, s)]
     if len(signed) > 4:
         return None
@@ -258,8 +261,7 @@ def piecewise_linear(residuals, x):
     if not _linear(jacobian, v, signed):
         return None
     if len(x) == 1:
-        side = ca.sign(-at_zero)
-        return [-at_zero / ca.substitute(jacobian, x[0], side)]
+        return [-at_zero / ca.substitute(jacobian, x[0], ca.sign(-at_zero))]
     best, score = None, None
     for pattern in itertools.product([1.0, -1.0], repeat=len(signed)):
         point = ca.DM.zeros(len(x))
@@ -276,6 +278,13 @@ def piecewise_linear(residuals, x):
             best = ca.if_else(better, solution, best)
             score = ca.fmax(fit, score)
     return [best[i] for i in range(len(x))]
+
+
+def _constant_sign(sign):
+    """The number, where a sign is the same for all parameters tried; else the expression."""
+    rng = np.random.default_rng(1)
+    seen = {float(_numeric([ca.densify(sign)], rng)[0].item()) for _ in range(8)}
+    return seen.pop() if len(seen) == 1 else sign
 
 
 def _depends(expression, symbol):

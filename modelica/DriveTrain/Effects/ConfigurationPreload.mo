@@ -5,5 +5,6 @@ model ConfigurationPreload "Cable tension that changes with the configuration, a
   input Real q_K(unit="rad") "Knee angle";
   parameter Real k_H(unit="N.m/rad", min=-5, max=5, nominal=0.05) = 0 "Loss a radian of hip";
   parameter Real k_K(unit="N.m/rad", min=-5, max=5, nominal=0.05) = 0 "Loss a radian of knee";
-  annotation(__pycosim(size="k_H k_K"));
+  annotation(__pycosim(size="k_H k_K", needs="configurations",
+    experiment="cross the workspace along several lines"));
 end ConfigurationPreload;

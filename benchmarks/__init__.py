@@ -1,0 +1,1 @@
+"""Benchmarks of pycosim, judged from outside the package."""

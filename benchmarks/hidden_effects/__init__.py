@@ -1,0 +1,1 @@
+"""Hidden effects: an independent machine whose logs the diagnosis has to explain."""

@@ -1,0 +1,297 @@
+"""Model, data and catalogue in; for every candidate effect, the change of the residual that it would make, out.
+
+An effect acts through the ports of its place. The model says how the error channels respond to a port (a probe hangs
+there), the effect's own file says what it adds to the port, and the product is the candidate's column. Nothing is
+refitted and no model is compiled for this.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from . import cache
+from .compile import ArrayFunction, catalogue, compile_model, places, solve
+from .compile.model import Question, _dump, _load
+from .residuals import Residuals
+from .states import propagate
+
+_PROBE = {"dF": "dF", "df0": "df0", "ds": "ds", "dmu": "dmu", "dtau": "dtau", "loss": "dtau"}  # addition to probe
+CYCLES = 20.0  # highest number of cycles a revolution that is searched
+_LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
+
+
+@dataclass
+class Column:
+    """One column: an effect at one component, one grid point, one coefficient."""
+
+    effect: object
+    component: str
+    grid: tuple
+    coefficient: str
+
+
+@dataclass
+class Candidate:
+    """An effect at a place and a grid point, with the columns that stand for it.
+
+    Attributes
+    ----------
+    effect : Effect
+    place : Place
+    grid : dict of str to float
+        Values of the coefficients that vanish with the effect.
+    parts : list of list of int
+        One list of column numbers a coefficient; joined places sum theirs.
+    names : list of str
+        Coefficient of each part.
+    lower, upper : ndarray
+        Bounds of the coefficients, relative to neutral.
+    """
+
+    effect: object
+    place: object
+    grid: dict
+    parts: list
+    names: list
+    lower: np.ndarray
+    upper: np.ndarray
+    extra: dict = field(default_factory=dict)
+
+    @property
+    def key(self):
+        """Effect and place."""
+        return self.effect.id, self.place.name
+
+
+def effect_question(library, effect):
+    """An effect's own equation: state of its ports in, additions out.
+
+    Returns
+    -------
+    Question
+    """
+    def make():
+        flat = library.flatten(effect.model)
+        open_ports = tuple(f"{c}." for c in effect.connectors)  # a class by itself has its flows set to zero
+        flat.equations = [e for e in flat.equations if not (e.is_symbolic() and e.name().startswith(open_ports))]
+        potentials = [f"{c}.{m}" for c, members in (("friction", ("w", "L", "s", "f0")), ("signal", ("tau",)),
+                                                    ("flange", ("phi",)))
+                      if c in effect.connectors for m in members]
+        known = [*potentials, *effect.inputs]
+        solution = solve(flat, known)
+        values = solution.values
+        outputs = [o for o in _PROBE if o in values and not values[o].is_zero()]
+        y = ca.vertcat(*[values[o] for o in outputs])
+        states = solution.states
+        rates = ca.vertcat(*[values[flat.derivatives[s]] for s in states]) if states else ca.SX(0, 1)
+        used = [s.name() for s in ca.symvar(ca.vertcat(y, rates))]
+        inputs = [n for n in used if n not in flat.parameters and n not in states]
+        parameters = list(flat.parameters)
+        arguments = [ca.vertcat(*[solution.symbols[n] for n in names]) if names else ca.SX(0, 1)
+                     for names in (inputs, states, parameters)]
+        described = dict(flat.parameters)
+        return Question(inputs, states, parameters, outputs, ca.Function("output", arguments, [y]),
+                        ca.Function("rate", arguments, [rates]), described)
+
+    key = cache.digest(library.digest, "effect", effect.model)
+    return library.memo(("effect", effect.id), lambda: cache.remember("effect", key, make, _dump, _load))
+
+
+class Contribution:
+    """What an effect adds to its ports a unit of its coefficients, near its neutral point."""
+
+    def __init__(self, library, effect):
+        self.effect, self.question = effect, effect_question(library, effect)
+        q = self.question
+        self.defaults = {n: v.value for n, v in q.variables.items()}
+        u, x, p = q.symbols()
+        y = q.output(u, x, p)
+        self.coefficients = list(effect.size) or [next(iter(effect.scan))]
+        if effect.size:
+            parts = [ca.jacobian(y, p[q.parameters.index(c)]) for c in effect.size]
+        else:  # an effect without amplitude: its addition at the grid point itself
+            parts = [y]
+        self.function = ArrayFunction(ca.Function("contribution", [u, x, p], [ca.densify(ca.cse(v)) for v in parts]))
+
+    def __call__(self, signals, states, grid, n):
+        """Additions, shape (coefficients, ports, n)."""
+        q = self.question
+        values = {**self.defaults, **grid}
+        arguments = [signals[i] for i in q.inputs] + list(states) + [values[p] for p in q.parameters]
+        return self.function(arguments, n).reshape(len(self.coefficients), len(q.outputs), n)
+
+
+def grids(effect, scan_values):
+    """Grid points of an effect's vanishing coefficients, without the cycles (they are scanned apart)."""
+    axes = [(c, scan_values[kind]) for c, kind in effect.scan.items() if kind in scan_values]
+    return [dict(zip([c for c, _ in axes], point)) for point in itertools.product(*[v for _, v in axes])]
+
+
+class Table:
+    """All candidates of a fitted model, and their columns on the fit part.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+        With the effects accepted so far.
+    fit : Fit
+    part : str
+    """
+
+    def __init__(self, dataset, model, fit, part="fit"):
+        self.dataset, self.model, self.fit, self.part = dataset, model, fit, part
+        self.library = dataset.library
+        self.probe_model = compile_model(self.library, model.rig, [(e.id, p.name) for e, p in model.attached], True)
+        self.probes = [n for n in self.probe_model.parameters if n.startswith("probe_")]
+        self._evaluate()
+        self._signals()
+        self._catalogue()
+        self._columns()
+
+    def _evaluate(self):
+        """Residual, derivative by the free parameters, and response to every probe, term by term."""
+        parameters = {**{n: v.value for n, v in self.probe_model.parameters.items()}, **self.fit.parameters}
+        free = [*self.fit.free, *self.probes]
+        exogenous = self.dataset.exogenous()
+        whole = self.dataset.residuals(self.probe_model, free, parameters, self.part, exogenous)
+        x = [*self.fit.values, *np.zeros(len(self.probes))]
+        effects = sum(1 for _ in catalogue(self.library))
+        self.thin = max(1, int(np.ceil(whole.n * len(whole.channels) * 12.0 * effects * 8 / _LIMIT)))
+        whole = whole.thin(self.thin) if self.thin > 1 else whole
+        self.time, self.group, self.block = whole.time, whole.group, whole.block
+        p = len(self.fit.free)
+        self.responses = []
+        for k, term in enumerate(whole.terms({**parameters}, whole.of_states)):
+            single = Residuals(whole.question, whole.channels, np.zeros_like(whole.measured),
+                               lambda values, wrt, k=k: [whole.terms(values, wrt)[k]], free, parameters,
+                               whole.time, whole.group, whole.block)
+            slope = np.concatenate([j for _, _, j in single.blocks(x)], axis=2)
+            self.responses.append(slope[:, p:])
+            self.slope = slope[:, :p] if k == 0 else self.slope + slope[:, :p]
+        plain = self.dataset.residuals(self.model, self.fit.free, self.fit.parameters, self.part)
+        plain = plain.thin(self.thin) if self.thin > 1 else plain
+        self.residual = plain.residual(self.fit.values)
+        self.channels = whole.channels
+
+    def _signals(self):
+        """Signals of the ports at the samples of each term."""
+        d, q = self.dataset, self.model
+        segments, motors = q.components("friction"), q.components("signal")
+        names = [f"{c}.{v}" for c in segments for v in ("w", "L", "s")]
+        names += [f"{c}.{v}" for c in motors for v in ("tau_shaft", "phi")]
+        names += sorted({i for e in catalogue(self.library).values() for i in e.inputs})
+        self.full = {**d.signals, **d.measured, **d.segment_signals(q, self.fit.parameters, names, None, d.exogenous())}
+        self.takes = [take for _, _, take in d._picks(d.view(self.part))]
+
+    def port_signals(self, effect, component, take=None):
+        """Signals that an effect reads at a component, at all samples or at those of a term."""
+        found = {"time": self.dataset.time}
+        for member, source in (("w", "w"), ("L", "L"), ("s", "s")):
+            found[f"friction.{member}"] = self.full.get(f"{component}.{source}")
+        found["friction.f0"] = self.fit.parameters.get(f"{component}.f0", 0.0)
+        found["signal.tau"] = self.full.get(f"{component}.tau_shaft")
+        found["flange.phi"] = self.full.get(f"{component}.phi")
+        found["der(der(flange.phi))"] = self.full.get(f"der(der({component}.phi))")
+        found.update({i: self.full.get(i) for i in effect.inputs})
+        if take is None:
+            return found
+        return {n: take(v)[::self.thin] if isinstance(v, np.ndarray) else v for n, v in found.items()}
+
+    # ---- which candidates
+
+    def _catalogue(self):
+        self.offers, self.scans = [], []
+        attached = {(e.id, p.name) for e, p in self.model.attached}
+        touched = {(e.id, c) for e, p in self.model.attached for c in p.components}
+        for effect in catalogue(self.library).values():
+            for place in places(self.library, self.model.rig, effect):
+                if (effect.id, place.name) in attached or any((effect.id, c) in touched for c in place.components):
+                    continue
+                if effect.replaces and any(f"{c}.{effect.replaces}" in self.fit.free for c in place.components):
+                    continue
+                if self._in_base(effect, place):
+                    continue
+                if "cycles" in effect.scan.values():
+                    if len(place.components) == 1:
+                        self.scans.append((effect, place))
+                else:
+                    self.offers.append((effect, place))
+
+    def _in_base(self, effect, place):
+        """Whether the rig itself already holds this effect at this place."""
+        base = {n.split(".")[0] for n in self.dataset.base.parameters}
+        return all(f"{effect.id}_{c}" in base for c in place.components)
+
+    def scan_values(self, component):
+        """Grids for coefficients that vanish with their effect, from what the data cover."""
+        view = self.takes[0]
+        time = self.time
+        values = {"time": np.geomspace(max(np.ptp(time) / 40, 0.5), max(2 * np.ptp(time), 1.0), 7),
+                  "quadrature": np.array([0.0, np.pi / 2])}
+        speed = self.full.get(f"{component}.w")
+        if speed is not None:
+            speed = np.abs(view(speed))
+            low, high = np.quantile(speed, [0.02, 0.98])
+            values["speed"] = np.geomspace(max(low / 2, 1e-3), max(1.5 * high, 2e-3), 9)
+            path = np.bincount(np.unique(self.group, return_inverse=True)[1],
+                               np.abs(speed[::self.thin]) * np.gradient(time).clip(0, 1))
+            values["travel"] = np.geomspace(5e-4, max(np.median(path) / 2, 8e-3), 12)
+        return values
+
+    def _columns(self):
+        self.contributions = {}
+        self.columns, self.candidates, index = [], [], {}
+        self.matrix = []
+        for effect, place in self.offers:
+            contribution = self.contributions.setdefault(effect.id, Contribution(self.library, effect))
+            for number, grid in enumerate(grids(effect, self.scan_values(place.components[0]))):
+                for component in place.components:
+                    key = (effect.id, component, number)
+                    if key not in index:
+                        own = grids(effect, self.scan_values(component))[number]
+                        index[key] = len(self.columns)
+                        for c, values in zip(contribution.coefficients, self.column(contribution, component, own)):
+                            self.columns.append(Column(effect, component, tuple(own.items()), c))
+                            self.matrix.append(values)
+                d = len(contribution.coefficients)
+                starts = [index[(effect.id, c, number)] for c in place.components]
+                parts = [[s + k for s in starts] for k in range(d)]
+                self.candidates.append(self.candidate(contribution, place, grid, parts))
+        self.matrix = (np.array(self.matrix).transpose(1, 0, 2) if self.matrix
+                       else np.zeros((len(self.channels), 0, len(self.time))))
+
+    def candidate(self, contribution, place, grid, parts):
+        """A candidate with the bounds of its coefficients."""
+        effect, described = contribution.effect, contribution.question.variables
+        if effect.size:
+            at = [described[c] for c in effect.size]
+            lower = np.array([v.min - v.value for v in at])
+            upper = np.array([v.max - v.value for v in at])
+        else:
+            lower, upper = np.array([0.0]), np.array([2.0])
+        return Candidate(effect, place, grid, parts, contribution.coefficients, lower, upper)
+
+    def column(self, contribution, component, grid):
+        """Columns of an effect at a component: ndarray, shape (coefficients, channels, n)."""
+        q = contribution.question
+        total = 0.0
+        states = np.zeros((len(q.states), len(self.dataset.time)))
+        if q.states:
+            values = {**contribution.defaults, **grid}
+            states, _ = propagate(q, self.port_signals(contribution.effect, component), self.dataset.time, values,
+                                  self.dataset.run)
+        for take, response in zip(self.takes, self.responses):
+            n = response.shape[2]
+            signals = self.port_signals(contribution.effect, component, take)
+            additions = contribution(signals, [take(s)[::self.thin] for s in states], grid, n)
+            part = 0.0
+            for k, port in enumerate(q.outputs):
+                probe = self.probes.index(f"probe_{component}.{_PROBE[port]}")
+                part = part + additions[:, k][:, None, :] * response[None, :, probe]
+            total = total + part
+        return total

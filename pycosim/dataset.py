@@ -1,0 +1,322 @@
+"""Logs, study and model in; samples in, arranged for fitting: channels, moving samples, blocks, held-out part, pairs."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from . import segmentation
+from .compile import ArrayFunction, compile_model
+from .errors import DataError
+from .measurements import default_window, derivatives, load, require, resolution
+from .noise import contiguous
+from .residuals import Residuals, Term
+from .states import dependent_parameters, propagate
+
+FOLDS = 5
+
+
+class Dataset:
+    """Measurements of a study, ready to be compared with models of its rig.
+
+    Parameters
+    ----------
+    study : Study
+    library : Library
+    logs : list of Log, optional
+        Already read; else the study's files are read.
+
+    Attributes
+    ----------
+    channels : list of str
+        Names of the errors: ``C_H``, or ``C_H_pair`` when no reference was measured.
+    paired : bool
+    time, run : ndarray, shape (n,)
+    signals : dict of str to ndarray, shape (n,)
+        Inputs of the model's question.
+    measured : dict of str to ndarray, shape (n,)
+        Everything measured, by model variable.
+    moving : ndarray of bool, shape (n,)
+    block : ndarray of int, shape (n,)
+        Block of each sample.
+    is_test : ndarray of bool, shape (blocks,)
+    """
+
+    def __init__(self, study, library, logs=None):
+        self.study, self.library = study, library
+        self.logs = load(study) if logs is None else logs
+        self.base = compile_model(library, study.rig, study.effects)
+        self._choose_question()
+        self._gather()
+        self._derive()
+        self._segment()
+        self._split()
+        self._views = {}
+
+    # ---- what is known, what is compared
+
+    def _choose_question(self):
+        have = {v for log in self.logs for v in log.signals}
+        forms = self.base.alternatives("estimate")
+        self.paired = False
+        for form, (wanted, known) in enumerate(forms):
+            if all(w in have for w in wanted):
+                self.form, self.outputs, self.known = form, wanted, known
+                break
+        else:
+            self.form, (self.outputs, self.known) = 0, forms[0]
+            self.paired = self.study.reference != "gravity_model"
+        self.question = self.base.question("estimate", self.form)
+        self.channels = [f"{c}_pair" for c in self.outputs] if self.paired else list(self.outputs)
+
+    def _gather(self):
+        mapped = {c.variable for c in self.study.columns.values()}
+        for log in self.logs:  # an unmeasured push from outside is none
+            require(log, [k for k in self.known if k in mapped or not k.startswith("push")])
+        self.time = np.concatenate([log.time for log in self.logs])
+        self.run = np.concatenate([np.full(len(log.time), k) for k, log in enumerate(self.logs)])
+        shared = set.intersection(*[set(log.signals) for log in self.logs])
+        self.measured = {v: np.concatenate([log.signals[v] for log in self.logs]) for v in sorted(shared)}
+        self.labels = (np.concatenate([log.labels for log in self.logs])
+                       if all(log.labels is not None for log in self.logs) else None)
+
+    # ---- motion
+
+    def _derive(self):
+        """Speeds and accelerations of what is known, without phase lag; a measured speed is preferred."""
+        self.signals = {k: self.measured[k] for k in self.known if k in self.measured}
+        self.signals["time"] = self.time
+        for name in [n for n in self.question.inputs if n.startswith("der(") and n.count("(") == 1]:
+            angle = name[4:-1]
+            first, second = np.empty(len(self.time)), np.empty(len(self.time))
+            for k in range(len(self.logs)):
+                part = self.run == k
+                t, a = self.time[part], self.measured[angle][part]
+                if len(t) > 1:
+                    first[part], second[part] = derivatives(t, a, default_window(t, resolution(a)))
+            speed = angle.rsplit(".", 1)[0] + ".w"
+            self.signals[name] = self.measured.get(speed, first)
+            self.signals[f"der({name})"] = second
+        for name in self.question.inputs:
+            if name in self.measured:
+                self.signals.setdefault(name, self.measured[name])
+
+    def segment_signals(self, model, parameters, names, states=None, signals=None):
+        """Outputs of the model at every sample, such as ``s1A.w`` and ``s1A.L``.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        question = model.question("estimate", self.form)
+        names = [n for n in names if n in question.outputs]
+        if states is None:
+            states = self.states(model, parameters)[0]
+        chosen = question.select(names)
+        signals = self.signals if signals is None else signals
+        arguments = ([signals.get(n, 0.0) for n in chosen.inputs] + list(states)
+                     + [float(parameters[n]) for n in chosen.parameters])
+        values = ArrayFunction(chosen.output)(arguments, len(self.time))
+        return dict(zip(names, values))
+
+    def states(self, model, parameters, free=()):
+        """Friction states at every sample, and their sensitivities.
+
+        The segments' own states are at their sliding limit, the sign of the speed, which holds on moving samples; the
+        states of effects are followed along the log, from what the angles moved between samples.
+        """
+        question = model.question("estimate", self.form)
+        own = [f"{c}.z" for c in model.segments]
+        followed = [s for s in question.states if s not in own]
+        states, sensitivities = np.zeros((len(question.states), len(self.time))), np.zeros(
+            (len(free), len(question.states), len(self.time)))
+        if followed and not self.averaged:
+            states, sensitivities = propagate(question, self.signals, self.time, parameters, self.run, free)
+        for k, name in enumerate(question.states):
+            if name in own or self.averaged:
+                component = name.rsplit(".", 1)[0] if name in own else next(iter(model.segments))
+                states[k] = np.sign(self.speeds[list(model.segments).index(component)])
+                sensitivities[:, k] = 0.0
+        return states, sensitivities
+
+    def exogenous(self):
+        """Signals with every measured torque replaced by what the motion alone predicts of it.
+
+        Noise of a measured torque is in the residual and in every column computed from that torque; the two must not
+        meet in a test, or each log would seem to lack a torque constant (instrumental variables, two stages). A torque
+        is regressed on the motion - a polynomial of the configuration, speeds and accelerations, for each combination
+        of directions - and then pass by pass on that.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        if not hasattr(self, "_exogenous"):
+            self._exogenous = dict(self.signals)
+            for name in [k for k in self.known if k in self.signals and not k.endswith((".phi", ".w"))]:
+                self._exogenous[name] = self._predict(self.signals[name])
+        return self._exogenous
+
+    def _predict(self, values):
+        span = np.maximum(np.ptp(self.config, axis=1, keepdims=True), 1e-9)
+        x = 2 * (self.config - self.config.min(1, keepdims=True)) / span - 1
+        rates = [v for n, v in self.signals.items() if n.startswith("der(") and np.ptp(v) > 0]
+        features = [np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(range(5), repeat=len(x))
+                    if sum(e) <= 4] + [r / np.std(r) for r in rates]
+        features = np.array(features)
+        code = (np.sign(self.speeds) > 0).T @ (1 << np.arange(len(self.speeds)))
+        predicted = values.copy()
+        for where in (self.moving & (code == c) for c in np.unique(code[self.moving])):
+            if where.sum() > 10 * len(features):
+                a = features[:, where]
+                predicted[where] = np.linalg.lstsq(a @ a.T, a @ values[where], rcond=1e-10)[0] @ a
+        for s in contiguous(self.time, self.passes):
+            if self.passes[s.start] >= 0 and s.stop - s.start > 20:
+                a = np.array([np.ones(s.stop - s.start), predicted[s]])
+                predicted[s] = np.linalg.lstsq(a.T, values[s], rcond=1e-6)[0] @ a
+        return predicted
+
+    # ---- moving samples, blocks, held-out part
+
+    def _segment(self):
+        parameters = {n: v.value for n, v in self.base.parameters.items()}
+        names = [f"{c}.w" for c in self.base.segments]
+        states = np.zeros((len(self.question.states), len(self.time)))
+        self.speeds = np.array(list(self.segment_signals(self.base, parameters, names, states).values()))
+        self.w_min = self.study.w_min or segmentation.default_w_min(self.speeds)
+        moving = segmentation.moving(self.speeds, self.w_min)
+        angles = [self.measured[k] for k in self.known if k.endswith("phi") and k in self.measured]
+        self.config = np.array(angles) if angles else np.cumsum(self.speeds[:1], axis=1)
+        self.averaged = self.study.average == "file"
+        self.passes = (np.where(moving, self.run, -1) if self.averaged
+                       else segmentation.passes(self.time, self.speeds, moving, self.run))
+        self.moving = moving if self.averaged else self._trim(moving, angles)
+        self.passes = np.where(self.moving, self.passes, -1)
+        if not self.moving.any():
+            raise DataError(f"{self.logs[0].path}: nothing moves: no sample has every segment faster than w_min = "
+                            f"{self.w_min:.3g} rad/s; record motion, or lower w_min in the study")
+        self.blocks = segmentation.blocks(self.time, self.config, self.passes, self.speeds, self.run)
+        self.block = self.blocks.index
+
+    def _trim(self, moving, angles):
+        """Leave out the ends of a pass that smoothing makes look like motion: less than two encoder steps from rest."""
+        moving = moving.copy()
+        for pass_number in np.unique(self.passes[self.passes >= 0]):
+            inside = np.flatnonzero(self.passes == pass_number)
+            first, last = max(inside[0] - 3, 0), min(inside[-1] + 3, len(self.time) - 1)
+            for angle in angles:
+                least = 1.5 * resolution(angle[self.run == self.run[inside[0]]]) + 1e-9
+                moving[inside[np.abs(angle[inside] - angle[first]) < least]] = False
+                moving[inside[np.abs(angle[inside] - angle[last]) < least]] = False
+        return moving
+
+    def _split(self):
+        held = [k for k, log in enumerate(self.logs) if log.held_out]
+        self.is_test = segmentation.split(self.blocks, len(self.logs), held)
+        self.fold = np.zeros(len(self.blocks), dtype=int)
+        self.fold[~self.is_test] = segmentation.folds(self.blocks.take(~self.is_test), FOLDS)
+
+    def held_out_ranges(self):
+        """Held-out part as ``[file, t0, t1]`` entries."""
+        return [[self.logs[self.blocks.run[b]].name, float(self.blocks.t0[b]), float(self.blocks.t1[b])]
+                for b in np.flatnonzero(self.is_test)]
+
+    # ---- residuals
+
+    def choose(self, part):
+        """Blocks of a part: ``"fit"``, ``"test"``, ``"all"``, or the given ones."""
+        if isinstance(part, str):
+            return np.flatnonzero({"fit": ~self.is_test, "test": self.is_test, "all": self.is_test | True}[part])
+        return np.asarray(part)
+
+    def view(self, part):
+        """Indices of the samples (or pairs of samples) of a part."""
+        blocks = self.choose(part)
+        key = blocks.tobytes()
+        if key not in self._views:
+            inside = np.isin(self.block, blocks) & self.moving & (self.passes >= 0)
+            if not self.paired:
+                self._views[key] = np.flatnonzero(inside)
+            else:
+                if not hasattr(self, "_pairs"):
+                    self._pairs = segmentation.pairs(self.config, self.passes, self.run, block=self.block)
+                p = self._pairs
+                keep = inside[p.i] & inside[p.j0] & inside[p.j1]
+                self._views[key] = segmentation.Pairs(p.i[keep], p.j0[keep], p.j1[keep], p.weight[keep])
+        return self._views[key]
+
+    def residuals(self, model, free, parameters, part="fit", signals=None):
+        """Residuals of a model on a part of the data.
+
+        Returns
+        -------
+        Residuals
+        """
+        question = model.question("estimate", self.form)
+        view = self.view(part)
+        picks = self._picks(view)
+        index = picks[0][1]
+        if len(index) < len(free) + 2:
+            raise DataError(f"{self.logs[0].path}: only {len(index)} usable samples for {len(free)} free parameters; "
+                            "record a longer log with motion in both directions")
+        measured = (np.zeros((len(self.outputs), len(index))) if self.paired
+                    else np.array([self.reference(c)[index] for c in self.outputs]))
+        signals = self.signals if signals is None else signals
+        cached, stateful = {}, dependent_parameters(question)
+
+        def terms(values, with_respect_to):
+            key = (tuple(values[n] for n in stateful), tuple(with_respect_to))
+            if key not in cached:
+                states, sensitivities = self.states(model, values, with_respect_to)
+                cached.clear()
+                cached[key] = [Term(weight, {n: take(v) for n, v in signals.items()}, take(states),
+                                    take(sensitivities)) for weight, _, take in picks]
+            return cached[key]
+
+        return Residuals(question, self.outputs, measured, terms, free, parameters,
+                         self.time[index], self.passes[index], self.block[index])
+
+    def _picks(self, view):
+        if not self.paired:
+            return [(1.0, view, lambda v: v[..., view])]
+        return [(0.5, view.i, lambda v: view.at(v)[0]), (-0.5, view.i, lambda v: view.at(v)[1])]
+
+    def reference(self, channel):
+        """Measured (or, with a gravity model, computed) values of a channel at every sample."""
+        if channel in self.measured:
+            return self.measured[channel]
+        if not hasattr(self, "_gravity"):
+            question = self.base.question("gravity_model")
+            parameters = {**{n: v.value for n, v in self.base.parameters.items()}, **self.values(self.base)}
+            chosen = question.select(self.outputs)
+            arguments = [self.signals.get(n, 0.0) for n in chosen.inputs] + [0.0] * len(chosen.states) + [
+                parameters[n] for n in chosen.parameters]
+            self._gravity = dict(zip(self.outputs, ArrayFunction(chosen.output)(arguments, len(self.time))))
+        return self._gravity[channel]
+
+    # ---- parameters
+
+    def variables(self, model):
+        """Parameters of a model, with the bounds and values of the study."""
+        from dataclasses import replace
+        found = dict(model.parameters)
+        for name, setting in self.study.parameters.items():
+            if name in found:
+                v = found[name]
+                found[name] = replace(v, value=v.value if setting.value is None else setting.value,
+                                      min=v.min if setting.min is None else setting.min,
+                                      max=v.max if setting.max is None else setting.max)
+        return found
+
+    def values(self, model):
+        """Values that the study sets."""
+        return {n: s.value for n, s in self.study.parameters.items() if s.value is not None and n in model.parameters}
+
+    def free(self, model):
+        """Free parameters: those the study names and does not fix, and the coefficients of attached effects."""
+        named = [n for n, s in self.study.parameters.items() if s.fixed is False and n in model.parameters]
+        for effect, place in model.attached:
+            named += [n for n in model.effect_parameters(effect, place)
+                      if n not in named and not (self.study.parameters.get(n) and self.study.parameters[n].fixed)]
+        return named

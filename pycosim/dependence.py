@@ -1,0 +1,171 @@
+"""A fitted model's residual in; the noise floor, and the variables that the residual still depends on, out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .noise import contiguous
+
+BINS = 24
+ALARM = 4.0  # standard errors by which a dependence must lower the error on blocks that it was not fitted to
+
+
+def noise_floor(dataset, model, fit):
+    """Error that no model of this kind could get below, a channel.
+
+    The smaller of the spread within a pass after removing what is smooth over it (a cubic in time), and the difference
+    of repeats of the same line at the same speed.
+
+    Returns
+    -------
+    dict of str to float
+    """
+    problem = dataset.residuals(model, fit.free, fit.parameters, "all")
+    residual = problem.residual(fit.values)
+    floors = {}
+    for channel, r in zip(dataset.channels, residual):
+        within = _within(r, problem)
+        between = _between(dataset, r, problem)
+        floors[channel] = float(min(v for v in (within, between) if v is not None))
+    return floors
+
+
+def _within(residual, problem):
+    total, count = 0.0, 0
+    for s in contiguous(problem.time, problem.group):
+        n = s.stop - s.start
+        if n >= 12:
+            x = np.linspace(-1, 1, n)
+            base = np.polynomial.legendre.legvander(x, 3)
+            left = residual[s] - base @ np.linalg.lstsq(base, residual[s], rcond=None)[0]
+            total, count = total + left @ left, count + n - 4
+    return np.sqrt(total / count) if count else float(np.sqrt(np.mean(residual ** 2)))
+
+
+def _between(dataset, residual, problem):
+    """Difference of repeats: the same line, speed and direction, compared bin by bin along the line."""
+    blocks = dataset.blocks
+    values = []
+    keys = list(zip(blocks.line.tolist(), blocks.speed.tolist()))
+    for key in set(keys):
+        same = [b for b, k in enumerate(keys) if k == key]
+        if len(same) < 2:
+            continue
+        profiles = [_profile(dataset, residual, problem, b) for b in same]
+        for a, b in zip(profiles[:-1], profiles[1:]):
+            m = min(len(a), len(b))
+            if m > 20:
+                values.append((a[:m] - b[:m]) / np.sqrt(2))
+    return float(np.sqrt(np.mean(np.concatenate(values) ** 2))) if values else None
+
+
+def _profile(dataset, residual, problem, block):
+    """Residual of a block in order; repeats of constant speed line up sample by sample."""
+    return residual[problem.block == block]
+
+
+def explanations(dataset, model, fit, problem_index):
+    """Variables that the residual may depend on, at the samples of a problem.
+
+    Returns
+    -------
+    dict of str to ndarray
+    """
+    study = dataset.study
+    column = {c.variable: n for n, c in study.columns.items()}
+    found = {}
+    for variable, values in dataset.measured.items():
+        found[column.get(variable, variable)] = values
+    found["time"] = dataset.time
+    found["time_since_reversal"] = time_since_reversal(dataset)
+    segments = model.segments
+    signals = dataset.segment_signals(model, fit.parameters,
+                                      [f"{c}.{v}" for c in segments for v in ("w", "L")])
+    for component, place in segments.items():
+        if f"{component}.w" in signals:
+            found[f"speed@{place}"] = signals[f"{component}.w"]
+            found[f"load@{place}"] = signals[f"{component}.L"]
+            rate = np.zeros(len(dataset.time))
+            for k in range(len(dataset.logs)):
+                part = dataset.run == k
+                if part.sum() > 10:
+                    t, w = dataset.time[part], signals[f"{component}.w"][part]
+                    rate[part] = np.gradient(w, t)
+            found[f"acceleration@{place}"] = rate
+    return {n: v[problem_index] for n, v in found.items() if np.ptp(v[problem_index]) > 0}
+
+
+def time_since_reversal(dataset):
+    """Time since the start of the pass, 0 while nothing moves."""
+    since = np.zeros(len(dataset.time))
+    for s in contiguous(dataset.time, dataset.passes):
+        since[s] = dataset.time[s] - dataset.time[s.start]
+    return since
+
+
+def dependence(dataset, model, fit, seed=0):
+    """What the residual still depends on, most first, and whether that is more than chance.
+
+    For every variable, the residual is predicted from bins of it, times the response of the channels to friction at
+    each place (and plainly), on blocks that the bins were not fitted to. The strength is the share of the residual's
+    energy that this removes.
+
+    Returns
+    -------
+    list of dict
+        ``{"variable": .., "strength": ..}``.
+    bool
+        Whether the strongest is beyond chance.
+    """
+    from .compile import compile_model
+
+    probes = compile_model(dataset.library, model.rig, [(e.id, p.name) for e, p in model.attached], True)
+    names = [n for n in probes.parameters if n.startswith("probe_") and n.rsplit(".", 1)[1] in ("dF", "dtau")]
+    parameters = {**{n: v.value for n, v in probes.parameters.items()}, **fit.parameters}
+    problem = dataset.residuals(probes, [*fit.free, *names], parameters, "fit")
+    view = dataset.view("fit")
+    index = view.i if dataset.paired else view
+    thin = max(1, problem.n // 100000)
+    problem, index = problem.thin(thin), index[::thin]
+    parts = [(r.copy(), j[:, len(fit.free):]) for _, r, j in problem.blocks([*fit.values, *np.zeros(len(names))])]
+    residual = np.concatenate([r for r, _ in parts], axis=1)
+    slope = np.concatenate([j for _, j in parts], axis=2)
+    plain = np.zeros((len(residual), len(residual), problem.n))
+    plain[np.arange(len(residual)), np.arange(len(residual))] = 1.0
+    drives = np.concatenate([slope, plain.transpose(1, 0, 2).transpose(1, 0, 2)], axis=1)
+    blocks, label = np.unique(problem.block, return_inverse=True)
+    fold = dataset.fold[blocks][label]
+    weights = fit.weights[:, None]
+    found, sure = [], False
+    for name, values in explanations(dataset, model, fit, index).items():
+        bins = _bins(values)
+        best = max((_explained(residual * weights, drives[:, k] * weights, bins, fold, label, len(blocks))
+                    for k in range(drives.shape[1])), key=lambda e: e[0])
+        found.append({"variable": name, "strength": round(max(0.0, best[0]), 4)})
+        sure |= best[1] > ALARM and best[0] > 0
+    found.sort(key=lambda d: -d["strength"])
+    return found, bool(sure)
+
+
+def _bins(values):
+    """Bin numbers, equally filled, so that no bin is nearly empty."""
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)[1:-1]))
+    return np.searchsorted(edges, values)
+
+
+def _explained(residual, drive, bins, fold, block, count):
+    """Share of energy removed out of fold, and how many standard errors over the blocks that is."""
+    k = bins.max() + 1
+    f = fold.max() + 1
+    cell = fold * k + bins
+    xy = np.bincount(cell, (drive * residual).sum(0), f * k).reshape(f, k)
+    xx = np.bincount(cell, (drive ** 2).sum(0), f * k).reshape(f, k)
+    others_xy, others_xx = xy.sum(0) - xy, xx.sum(0) - xx
+    ridge = 1e-3 * xx.sum() / k + 1e-300
+    beta = others_xy / (others_xx + ridge)
+    predicted = drive * beta[fold, bins]
+    gain = (residual ** 2 - (residual - predicted) ** 2).sum(0)
+    per_block = np.bincount(block, gain, count)
+    total = float((residual ** 2).sum())
+    spread = np.sqrt(count * per_block.var(ddof=1)) if count > 1 else np.inf
+    return per_block.sum() / total, per_block.sum() / (spread + 1e-300)

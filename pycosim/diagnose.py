@@ -1,0 +1,581 @@
+"""A fitted model and its data in; which effect is missing, where, how sure, or nothing, or nothing known, out.
+
+Score tests of every candidate on the pre-whitened residual of one fit give a ranking, the expected coefficient and the
+predicted error. Family-wise p-values come from simulated noise with the candidates' own correlations, grids included.
+The best few are refitted; the first is accepted when it is significant and lowers the error on folds that it was not
+fitted to by more than the standard error of that fall.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import special, stats
+from scipy.optimize import lsq_linear
+
+from . import identify
+from .candidates import CYCLES, Candidate, Column, Contribution, Table
+from .compile import compile_model, component_name
+from .errors import PycosimError
+from .noise import contiguous, fit_noise
+
+LEVEL = 0.01
+DRAWS = 1999
+REFITS = 6
+
+
+@dataclass
+class Finding:
+    """What the diagnosis says of one effect at one place."""
+
+    effect: str
+    place: str
+    accepted: bool = False
+    p_value: float = 1.0
+    p_value_single: float = 1.0
+    statistic: float = 0.0
+    predicted_error: dict = field(default_factory=dict)
+    held_out_error: dict | None = None
+    coefficients: dict = field(default_factory=dict)
+    twins: list = field(default_factory=list)
+    start: dict = field(default_factory=dict)
+    selection: object = None
+    fit: object = None
+
+    @property
+    def key(self):
+        """Effect and place."""
+        return self.effect, self.place
+
+
+class Scores:
+    """Score tests of all candidates of a table.
+
+    Parameters
+    ----------
+    table : Table
+    seed : int
+    draws : int
+        Simulated residuals for the family-wise p-values.
+    """
+
+    def __init__(self, table, seed=0, draws=DRAWS):
+        self.table, self.rng, self.draws = table, np.random.default_rng(seed), draws
+        self.p = len(table.fit.free)
+        self.pieces = contiguous(table.time, table.group)
+        self.weights = table.fit.weights
+        self._noise()
+        self._whiten()
+        self._scan_cycles()
+        self._test()
+
+    # ---- noise of what the best mixture of candidates leaves
+
+    def _stack(self, channel, whiten=None):
+        """Rows: derivative, candidate columns, residual."""
+        t = self.table
+        rows = np.concatenate([t.slope[channel], t.matrix[channel], t.residual[channel][None]])
+        if whiten is None:
+            return rows
+        out = np.empty_like(rows)
+        for s in self.pieces:
+            out[:, s] = whiten.whiten(rows[:, s])
+        return out
+
+    def _noise(self):
+        """Noise of each channel after the few columns that explain most: a missing effect is not noise."""
+        t = self.table
+        stacks = [self._stack(c) for c in range(len(t.channels))]
+        gram = sum(w ** 2 * s @ s.T for w, s in zip(self.weights, stacks))
+        coefficients = self._pursue(gram, 0.02)
+        self.noise = []
+        for s in stacks:
+            left = s[-1] - coefficients @ s[:-1]
+            self.noise.append(fit_noise([left[piece] for piece in self.pieces]))
+
+    def _pursue(self, gram, share, most=8):
+        """Greedy choice of columns; returns the coefficients of all rows on the residual."""
+        k = len(gram) - 1
+        chosen = list(range(self.p))
+        beta = np.zeros(k)
+        for _ in range(most + 1):
+            a = gram[np.ix_(chosen, chosen)]
+            inverse, _ = identify.invert(a)
+            solution = inverse @ gram[chosen, -1]
+            rss = gram[-1, -1] - gram[chosen, -1] @ solution
+            beta[:] = 0
+            beta[chosen] = solution
+            cross = gram[:k, chosen] @ inverse
+            score = gram[:k, -1] - cross @ gram[chosen, -1]
+            size = np.diag(gram)[:k] - np.einsum("ij,ij->i", cross, gram[:k, chosen])
+            usable = size > 1e-6 * np.diag(gram)[:k]
+            usable[chosen] = False
+            fall = np.where(usable, score ** 2 / np.where(usable, size, 1), 0)
+            best = int(np.argmax(fall)) if k else 0
+            if not k or fall[best] < share * rss or len(chosen) - self.p >= min(most, gram.shape[0]):
+                break
+            if len(chosen) + 3 > 0.3 * self.table.residual.size:
+                break
+            chosen.append(best)
+        return beta
+
+    def _whiten(self):
+        """Moments of the whitened columns; the residual's spread fixes their scale."""
+        t = self.table
+        self.white = [self._stack(c, noise) for c, noise in enumerate(self.noise)]
+        self.gram = sum(s @ s.T for s in self.white)
+        self.samples = t.residual.size
+        beta = self._pursue(self.gram, 12.0 / self.samples)
+        used = np.count_nonzero(beta)
+        left = self.gram[-1, -1] - 2 * beta @ self.gram[:-1, -1] + beta @ self.gram[:-1, :-1] @ beta
+        self.variance = max(left / max(self.samples - used, 1), 1e-300)
+        self.dof = max(self.samples - used, 1)
+
+    # ---- cycles: a fine scan over the angle, then the best as ordinary columns
+
+    def _scan_cycles(self):
+        t, p = self.table, self.p
+        inverse, _ = identify.invert(self.gram[:p, :p])
+        step = inverse @ self.gram[:p, -1]
+        left = [s[-1] - step @ s[:p] for s in self.white]
+        back = [_whiten_transposed(r, noise, self.pieces) for r, noise in zip(left, self.noise)]
+        self.scan_draws = np.zeros(self.draws)
+        subs = _sub_blocks(self.pieces, len(t.time))
+        for effect, place in t.scans:
+            contribution = t.contributions.setdefault(effect.id, Contribution(t.library, effect))
+            found = self._scan_place(contribution, place, back, subs)
+            if found is None:
+                continue
+            n_best, flips = found
+            self.scan_draws = np.maximum(self.scan_draws, flips)
+            self._add_cycles(contribution, place, n_best)
+
+    def _scan_place(self, contribution, place, back, subs):
+        """Number of cycles that explains most, and the largest chance result of sign-flipped stretches."""
+        t = self.table
+        component = place.components[0]
+        frequency, = [c for c, kind in contribution.effect.scan.items() if kind == "cycles"]
+        quadrature = next((c for c, kind in contribution.effect.scan.items() if kind == "quadrature"), None)
+        probe = t.probes.index(f"probe_{component}.dtau")
+        phis = [t.port_signals(contribution.effect, component, take)["flange.phi"] for take in t.takes]
+        low, high = min(p.min() for p in phis), max(p.max() for p in phis)
+        turns = (high - low) / (2 * np.pi)
+        if turns < 0.05:
+            return None
+        cycles = np.arange(max(1.0 / turns, 0.05), CYCLES, 0.25 / turns)
+        width = 2 * np.pi / (16 * CYCLES)
+        bins = int((high - low) / width) + 1
+        centres = low + (np.arange(bins) + 0.5) * width
+        counts = np.zeros((subs.max() + 1) * bins)
+        for phi, response in zip(phis, t.responses):
+            drive = sum(response[c, probe] * b for c, b in enumerate(back))
+            cell = subs * bins + np.minimum(((phi - low) / width).astype(int), bins - 1)
+            counts += np.bincount(cell, drive, len(counts))
+        counts = counts.reshape(-1, bins)
+        waves = [contribution({"flange.phi": centres}, [], {frequency: n, **({quadrature: q} if quadrature else {})},
+                              bins)[0, 0] for q in (0.0, np.pi / 2) for n in cycles]
+        sums = counts @ np.array(waves).T
+        sine, cosine = sums[:, :len(cycles)], sums[:, len(cycles):]
+        value = _pair_statistic(sine.sum(0), cosine.sum(0), sine, cosine)
+        best = float(cycles[np.argmax(value)])
+        signs = self.rng.choice([-1.0, 1.0], (self.draws, len(sums)))
+        flipped = _pair_statistic(signs @ sine, signs @ cosine, sine, cosine).max(axis=1)
+        return best, flipped / 2
+
+    def _add_cycles(self, contribution, place, cycles):
+        t = self.table
+        frequency, = [c for c, kind in contribution.effect.scan.items() if kind == "cycles"]
+        quadrature = next(c for c, kind in contribution.effect.scan.items() if kind == "quadrature")
+        start = t.matrix.shape[1]
+        new = [t.column(contribution, place.components[0], {frequency: cycles, quadrature: q})[0]
+               for q in (0.0, np.pi / 2)]
+        t.matrix = np.concatenate([t.matrix, np.array(new).transpose(1, 0, 2)], axis=1)
+        for q in (0.0, np.pi / 2):
+            t.columns.append(Column(contribution.effect, place.components[0], ((frequency, cycles), (quadrature, q)),
+                                    contribution.coefficients[0]))
+        grid = {frequency: cycles, quadrature: 0.0}
+        bound = contribution.question.variables[contribution.coefficients[0]].max
+        t.candidates.append(Candidate(contribution.effect, place, grid, [[start], [start + 1]],
+                                      [contribution.coefficients[0]], np.full(2, -bound), np.full(2, bound),
+                                      {"scanned": True, "phase": quadrature}))
+        rows = np.array([[_whiten_pieces(new[k][c], noise, self.pieces) for k in (0, 1)]
+                         for c, noise in enumerate(self.noise)])
+        self.white = [np.concatenate([s[:-1], r, s[-1:]]) for s, r in zip(self.white, rows)]
+        self.gram = sum(s @ s.T for s in self.white)
+
+    # ---- tests
+
+    def _parts(self, candidate):
+        """Matrix that takes the candidate's coefficients to rows of the moments."""
+        matrix = np.zeros((len(self.gram) - 1, len(candidate.parts)))
+        for k, part in enumerate(candidate.parts):
+            for row in part:
+                matrix[self.p + row, k] = 1.0
+        return matrix
+
+    def _test(self):
+        """Statistic, single and family-wise p-value of every candidate."""
+        p, gram = self.p, self.gram
+        inverse, _ = identify.invert(gram[:p, :p])
+        cross = gram[p:-1, :p] @ inverse
+        schur = gram[p:-1, p:-1] - cross @ gram[:p, p:-1]
+        values, vectors = np.linalg.eigh((schur + schur.T) / 2)
+        root = vectors * np.sqrt(np.maximum(values, 0))
+        noise = self.rng.standard_normal((self.draws, len(schur))) @ root.T
+        self.results, largest = [], self.scan_draws.copy()
+        for candidate in self.table.candidates:
+            t = self._parts(candidate)[p:]
+            inner = t.T @ schur @ t
+            full = t.T @ gram[p:-1, p:-1] @ t
+            share = float(np.min(np.diag(inner) / np.maximum(np.diag(full), 1e-300)))
+            if share < 1e-5 or np.linalg.cond(inner) > 1e12:
+                self.results.append((candidate, 0.0, 0.0, None, share))
+                continue
+            sided = len(candidate.parts) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
+            value, coefficients = self._fall(candidate)
+            self.results.append((candidate, value, self._surprise(value, len(t.T), sided), coefficients, share))
+            if not candidate.extra.get("scanned"):
+                z = noise @ t
+                chance = np.einsum("bi,ij,bj->b", z, np.linalg.inv(inner), z)
+                if sided:
+                    sign = 1 if candidate.lower[0] == 0 else -1
+                    chance = np.where(sign * z[:, 0] > 0, chance, 0.0)
+                largest = np.maximum(largest, self._surprise(chance, len(t.T), sided))
+        self.largest = np.sort(largest)
+
+    def _surprise(self, value, d, sided):
+        """Minus log of the single p-value of a statistic with d coefficients."""
+        if self.dof > 1000:
+            value = np.asarray(value, dtype=float)
+            log = np.log(special.gammaincc(d / 2, value / 2) + 1e-320) if d != 1 else (
+                np.log(2) + special.log_ndtr(-np.sqrt(value)))
+        else:
+            log = stats.f.logsf(np.asarray(value) / d, d, self.dof)
+        return -(log + np.log(0.5)) * (np.asarray(value) > 0) if sided else -log
+
+    def _fall(self, candidate):
+        """Fall of the whitened sum of squares, over its variance, with base and candidate inside their bounds."""
+        t = self._parts(candidate)
+        rows = np.concatenate([np.eye(len(self.gram) - 1)[:, :self.p], t], axis=1)
+        a = rows.T @ self.gram[:-1, :-1] @ rows
+        b = rows.T @ self.gram[:-1, -1]
+        with_it, x = bounded(a, b, *self._bounds(candidate))
+        if not hasattr(self, "_without"):
+            self._without = bounded(a[:self.p, :self.p], b[:self.p], *self._bounds(None))[0]
+        return max(0.0, (with_it - self._without) / self.variance), x[self.p:]
+
+    def _bounds(self, candidate):
+        fit = self.table.fit
+        low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
+        high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
+        if candidate is None:
+            return low, high
+        return np.r_[low, candidate.lower], np.r_[high, candidate.upper]
+
+    def family(self, surprise):
+        """Family-wise p-value of a surprise."""
+        above = len(self.largest) - np.searchsorted(self.largest, surprise, side="left")
+        return (1 + above) / (1 + len(self.largest))
+
+
+def bounded(a, b, low, high):
+    """Maximise ``2 b'x - x'a x`` within bounds; returns the value and x."""
+    scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
+    s = a / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(s)
+    keep = values > 1e-10
+    root = np.sqrt(np.where(keep, values, 0))[:, None] * vectors.T
+    right = np.where(keep, vectors.T @ (b / scale) / np.sqrt(np.where(keep, values, 1)), 0)
+    x = vectors[:, keep] @ (right[keep] / np.sqrt(values[keep])) / scale
+    if np.any(x < low) or np.any(x > high):
+        x = lsq_linear(root, right, (low * scale, np.maximum(high, low + 1e-12) * scale), method="bvls").x / scale
+    return float(2 * b @ x - x @ a @ x), x
+
+
+def _pair_statistic(s, c, sine, cosine):
+    """Quadratic form of a sine and cosine sum with the covariance of their stretches."""
+    vs, vc, vx = (sine ** 2).sum(0), (cosine ** 2).sum(0), (sine * cosine).sum(0)
+    det = np.maximum(vs * vc - vx ** 2, 1e-12 * vs * vc + 1e-300)
+    return (s ** 2 * vc - 2 * s * c * vx + c ** 2 * vs) / det
+
+
+def _whiten_pieces(values, noise, pieces):
+    out = np.empty_like(values)
+    for s in pieces:
+        out[s] = noise.whiten(values[s])
+    return out
+
+
+def _whiten_transposed(values, noise, pieces):
+    out = np.empty_like(values)
+    for s in pieces:
+        out[s] = noise.whiten(values[s][::-1])[::-1]
+    return out
+
+
+def _sub_blocks(pieces, n, most=400):
+    """Number of a short stretch for every sample, about ``most`` of them."""
+    length = max(1, n // most)
+    label, k = np.empty(n, dtype=int), 0
+    for s in pieces:
+        count = max(1, (s.stop - s.start) // length)
+        edges = np.linspace(s.start, s.stop, count + 1).astype(int)
+        for a, b in zip(edges[:-1], edges[1:]):
+            label[a:b] = k
+            k += 1
+    return label
+
+
+@dataclass
+class Selection:
+    """Errors of a refitted model on folds that it was not fitted to, block by block.
+
+    Attributes
+    ----------
+    raw : ndarray, shape (blocks,)
+        Weighted sum of squares a block.
+    white : ndarray, shape (blocks,)
+        The same of the whitened residual: sharper between rivals.
+    """
+
+    raw: np.ndarray
+    white: np.ndarray
+
+
+def select(dataset, model, fit, noise):
+    """Cross-validate a fitted model over the selection folds, linearised at its optimum.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    noise : list of Noise
+        One a channel.
+
+    Returns
+    -------
+    Selection
+    """
+    problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
+    thin = max(1, int(problem.n * (len(fit.free) + 1) * len(noise) * 8 / 200e6))
+    problem = problem.thin(thin) if thin > 1 else problem
+    parts = [(r.copy(), j) for _, r, j in problem.blocks(fit.values)]
+    residual = np.concatenate([r for r, _ in parts], axis=1)
+    slope = np.concatenate([j for _, j in parts], axis=2)
+    blocks, index = np.unique(problem.block, return_inverse=True)
+    size = len(fit.free) + 1
+    raw, white = np.zeros((len(blocks), size, size)), np.zeros((len(blocks), size, size))
+    for s in contiguous(problem.time, problem.group):
+        b = index[s.start]
+        for c, w in enumerate(fit.weights):
+            rows = np.concatenate([slope[c][:, s], residual[c][None, s]])
+            raw[b] += w ** 2 * rows @ rows.T
+            rows = noise[c].whiten(rows)
+            white[b] += rows @ rows.T
+    low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
+    high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
+    fold = dataset.fold[blocks]
+    return Selection(*(_cross_validate(g, fold, low, high) for g in (raw, white)))
+
+
+def _cross_validate(gram, fold, low, high):
+    error = np.zeros(len(gram))
+    whole = gram.sum(0)
+    for f in np.unique(fold):
+        inside = fold == f
+        rest = whole - gram[inside].sum(0)
+        _, x = bounded(rest[:-1, :-1], rest[:-1, -1], low, high)
+        y = np.r_[-x, 1.0]
+        error[inside] = np.einsum("i,bij,j->b", y, gram[inside], y)
+    return error
+
+
+def difference(a, b):
+    """Sum of the differences of two block-wise errors, and its standard error."""
+    d = a - b
+    return float(d.sum()), float(np.sqrt(len(d) * d.var(ddof=1))) if len(d) > 1 else float("inf")
+
+
+@dataclass
+class Diagnosis:
+    """What is missing in a fitted model.
+
+    Attributes
+    ----------
+    verdict : str
+        ``missing_effect``, ``nothing_missing``, ``unexplained`` or ``not_enough_excitation``.
+    error, noise_floor : dict of str to float
+    candidates : list of Finding
+        Best first.
+    residual_depends_on : list of dict
+    undetectable : list of dict
+    """
+
+    verdict: str
+    error: dict
+    noise_floor: dict
+    candidates: list
+    residual_depends_on: list
+    undetectable: list
+    noise: list = field(default_factory=list)
+
+    @property
+    def winner(self):
+        """The finding that would be added, or None."""
+        return next((c for c in self.candidates if c.accepted), None)
+
+
+def diagnose(dataset, model, fit, seed=0, progress=None):
+    """Find the effect that a fitted model lacks.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    seed : int
+    progress : callable, optional
+        Called with a sentence before each stage.
+
+    Returns
+    -------
+    Diagnosis
+    """
+    from .dependence import dependence, noise_floor
+    from .excitation import undetectable
+
+    say = progress or (lambda text: None)
+    say("testing every candidate effect at every place")
+    table = Table(dataset, model, fit)
+    scores = Scores(table, seed)
+    findings = _findings(table, scores)
+    say("refitting the most likely")
+    base = select(dataset, model, fit, scores.noise)
+    rivals = _refit_best(dataset, model, fit, scores, findings)
+    _decide(findings, rivals, base, dataset)
+    say("looking at what is left")
+    depends, alarm = dependence(dataset, model, fit, seed)
+    hidden = undetectable(table, scores)
+    verdict = _verdict(findings, alarm, hidden, dataset)
+    return Diagnosis(verdict, fit.error, noise_floor(dataset, model, fit), findings, depends, hidden, scores.noise)
+
+
+def _findings(table, scores):
+    """One finding an effect and place, at its best grid point, best first."""
+    best = {}
+    for candidate, value, surprise, coefficients, share in scores.results:
+        penalty = 2.0 * (len(candidate.parts) + len(candidate.effect.scan))
+        known = best.get(candidate.key)
+        if known is None or surprise > known[2]:
+            best[candidate.key] = (candidate, value, surprise, coefficients, value - penalty)
+    findings = []
+    for candidate, value, surprise, coefficients, rank in best.values():
+        finding = Finding(candidate.effect.id, candidate.place.name, statistic=rank)
+        finding.p_value_single = float(np.exp(-surprise))
+        finding.p_value = scores.family(surprise)
+        finding.start = _start(candidate, coefficients)
+        finding.predicted_error = _predicted(table, scores, candidate, coefficients)
+        findings.append(finding)
+    return sorted(findings, key=lambda f: -f.statistic)
+
+
+def _start(candidate, coefficients):
+    """Full values of an effect's coefficients at its score estimate."""
+    effect, base = candidate.effect, component_name(candidate.effect, candidate.place)
+    values = dict(candidate.grid)
+    if coefficients is None:
+        return {f"{base}.{n}": v for n, v in values.items()}
+    if candidate.extra.get("scanned"):
+        values[candidate.names[0]] = float(np.hypot(*coefficients))
+        values[candidate.extra["phase"]] = float(np.arctan2(coefficients[1], coefficients[0]))
+    elif effect.size:
+        values.update(zip(candidate.names, map(float, coefficients)))
+    return {f"{base}.{n}": v for n, v in values.items()}
+
+
+def _predicted(table, scores, candidate, coefficients):
+    """Error on the fit part after adding the candidate, from the moments alone."""
+    p = table.slope.shape[1]
+    predicted = {}
+    for c, channel in enumerate(table.channels):
+        residual = table.residual[c]
+        if coefficients is not None:
+            added = sum(b * table.matrix[c][part].sum(0) for b, part in zip(coefficients, candidate.parts))
+            residual = residual - added
+        rows = table.slope[c]
+        predicted[channel] = residual, rows
+    weights = table.fit.weights
+    normal = sum(w ** 2 * rows @ rows.T for w, (_, rows) in zip(weights, predicted.values()))
+    right = sum(w ** 2 * rows @ r for w, (r, rows) in zip(weights, predicted.values()))
+    low, high = scores._bounds(None)
+    x = bounded(normal, right, low, high)[1] if p else np.zeros(0)
+    return {channel: float(np.sqrt(np.mean((r - x @ rows) ** 2))) for channel, (r, rows) in predicted.items()}
+
+
+def _refit_best(dataset, model, fit, scores, findings):
+    """Fit the model with each of the best candidates; fills the findings and returns those that were fitted."""
+    attached = [(e.id, p.name) for e, p in model.attached]
+    fitted = []
+    for finding in [f for f in findings if f.p_value < 10 * LEVEL][:REFITS]:
+        larger = compile_model(dataset.library, model.rig, [*attached, finding.key])
+        start = {**fit.parameters, **finding.start}
+        try:
+            finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding))
+        except PycosimError:
+            continue
+        finding.selection = select(dataset, larger, finding.fit, scores.noise)
+        base = component_name(*larger.attached[-1])
+        finding.coefficients = {n.split(".", 1)[1]: {
+            "value": finding.fit.parameters[n], "ci95": finding.fit.interval(n), "unit": larger.parameters[n].unit}
+            for n in finding.fit.free if n.startswith(base + ".")}
+        fitted.append(finding)
+    return fitted
+
+
+def _nudged(start, model, finding):
+    """A start where no coefficient is exactly neutral, so that the ones that vanish with it can move."""
+    effect, place = model.attached[-1]
+    base = component_name(effect, place)
+    for c in effect.size:
+        v, name = model.parameters[f"{base}.{c}"], f"{base}.{c}"
+        if abs(start.get(name, v.value) - v.value) < 1e-3 * v.nominal:
+            start[name] = v.value + 1e-2 * v.nominal * (1 if v.max > v.value else -1)
+    return start
+
+
+def _decide(findings, rivals, base, dataset):
+    """Order the refitted candidates, accept the first if it earns it, and name its twins."""
+    if not rivals:
+        return
+    parameters = {f.key: len(f.fit.free) for f in rivals}
+    rivals.sort(key=lambda f: f.selection.white.sum() + 2 * parameters[f.key])
+    rest = [f for f in findings if f not in rivals]
+    findings[:] = [*rivals, *rest]
+    for best in rivals:
+        fall, spread = difference(base.raw, best.selection.raw)
+        if best.p_value < LEVEL and fall > spread:
+            best.accepted = True
+            break
+    else:
+        return
+    if best is not findings[0]:
+        findings.remove(best)
+        findings.insert(0, best)
+    for other in rivals:
+        if other is not best:
+            gap, spread = difference(other.selection.white, best.selection.white)
+            if gap <= spread or gap < 2.0:
+                best.twins.append({"effect": other.effect, "place": other.place})
+                other.twins.append({"effect": best.effect, "place": best.place})
+
+
+def _verdict(findings, alarm, hidden, dataset):
+    if any(f.accepted for f in findings):
+        return "missing_effect"
+    if alarm or any(f.p_value < LEVEL for f in findings):
+        return "unexplained"
+    if len(hidden) >= len(findings) or len(np.flatnonzero(~dataset.is_test)) < 2:
+        return "not_enough_excitation"
+    return "nothing_missing"

@@ -1,0 +1,117 @@
+"""A log file of some format comes in; a Table of named columns goes out. One module a format, registered here."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import DataError, StudyError, closest
+
+# name in `[data] reader`, or ending of the file: module with `read(path, wanted, text) -> Table`
+READERS = {"bam": "bam", "epos": "epos", ".csv": "comma", ".parquet": "parquet", ".pq": "parquet"}
+
+
+@dataclass
+class Table:
+    """What is in a file, before the study's columns are looked up.
+
+    Attributes
+    ----------
+    columns : dict of str to ndarray, shape (n,)
+        Numbers in the file's units, or text for the label column.
+    header : list of str
+        Every column of the file, also those not read.
+    rows : ndarray of int, shape (n,)
+        Row of each sample as an editor shows it.
+    dropped : list of (int, int)
+        Rows that the format itself says are not to be used.
+    meta : dict
+        What the file says about the run.
+    """
+
+    columns: dict
+    header: list
+    rows: np.ndarray
+    dropped: list = field(default_factory=list)
+    meta: dict = field(default_factory=dict)
+
+
+def read_table(path, name, wanted, text):
+    """Read a file with the reader of this name, or the one its ending asks for.
+
+    Parameters
+    ----------
+    path : Path
+    name : str or None
+        Reader, as in `[data] reader`.
+    wanted : set of str
+        Columns to read as numbers; those that the file lacks are left out.
+    text : str
+        Column to read as text.
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    DataError
+    """
+    refuse_no_file(path)
+    key = name or path.suffix.lower()
+    if key not in READERS:
+        if name:
+            raise StudyError(f"no reader '{name}'{closest(name, [r for r in READERS if r[0] != '.'])}")
+        raise DataError(f"{path}: cannot tell the format from the ending '{path.suffix}'; "
+                        "use .csv or .parquet, or set [data] reader")
+    return importlib.import_module(f".{READERS[key]}", __package__).read(path, wanted, text)
+
+
+def refuse_no_file(path):
+    """Raise DataError for what is not a file with something in it."""
+    if path.is_dir():
+        raise DataError(f"{path}: is a folder; name the files in it")
+    if not path.exists():
+        near = closest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
+        raise DataError(f"no log {path}{near if 'closest' in near else ''}")
+    try:
+        if path.stat().st_size == 0:
+            raise DataError(f"{path}: the file is empty")
+        path.open("rb").close()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def read_text(path, encoding="utf-8-sig"):
+    """The text of a file, or DataError when it is not text.
+
+    Parameters
+    ----------
+    path : Path
+    encoding : str
+
+    Returns
+    -------
+    str
+    """
+    raw = Path(path).read_bytes()
+    if b"\0" in raw:
+        raise DataError(f"{path}: is a binary file, not text; export the log as comma-separated text")
+    try:
+        return raw.decode(encoding)
+    except UnicodeDecodeError as error:
+        row = raw.count(b"\n", 0, error.start) + 1
+        raise DataError(f"{path}, row {row}: is not UTF-8 text; save the file as UTF-8, or set [data] reader") from None
+
+
+def ranges(rows):
+    """Sorted row numbers as a list of (first, last) stretches."""
+    rows = np.asarray(rows, dtype=int)
+    if not rows.size:
+        return []
+    starts = np.flatnonzero(np.diff(rows, prepend=rows[0] - 2) > 1)
+    ends = np.append(starts[1:], rows.size) - 1
+    return [(int(rows[a]), int(rows[b])) for a, b in zip(starts, ends)]

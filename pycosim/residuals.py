@@ -1,0 +1,167 @@
+"""Samples and a model in, residuals and their exact derivatives out, block by block."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from .compile import ArrayFunction
+from .states import dependent_parameters, propagate
+
+_CHUNK = 8192
+
+
+@dataclass
+class Term:
+    """One evaluation of the model at a set of samples, with its weight in the residual.
+
+    A residual against a reference is one term of weight 1; a paired residual is half the out pass minus half the back
+    pass.
+    """
+
+    weight: float
+    signals: dict
+    states: np.ndarray
+    sensitivities: np.ndarray
+
+
+class Residuals:
+    """Measured minus modelled, for chosen samples, as a function of the free parameters.
+
+    Parameters
+    ----------
+    question : Question
+    channels : list of str
+        Outputs of the question that are compared.
+    measured : ndarray, shape (channels, n)
+    terms : callable
+        ``terms(parameters, free) -> list of Term``: the samples, with friction states for these parameters.
+    free : list of str
+        Parameters to differentiate by.
+    parameters : dict of str to float
+        All parameters.
+    time, group, block : ndarray, shape (n,)
+        Time of each sample, the pass and the block it belongs to.
+    """
+
+    def __init__(self, question, channels, measured, terms, free, parameters, time, group, block):
+        self.time, self.group, self.block = time, group, block
+        self.question = question
+        self.channels, self.measured = list(channels), measured
+        self.free, self.parameters = list(free), dict(parameters)
+        self.selected = question.select(channels)
+        self.terms = terms
+        self.of_states = [n for n in dependent_parameters(question) if n in self.free]
+        self._build()
+
+    def _build(self):
+        q = self.selected
+        u, x, p = q.symbols()
+        y = q.output(u, x, p)
+        columns = ca.vertcat(*[p[q.parameters.index(n)] for n in self.free if n in q.parameters], ca.SX(0, 1))
+        self.known = [k for k, n in enumerate(self.free) if n in q.parameters]
+        slope = ca.jacobian(y, columns) if columns.numel() else ca.SX(y.numel(), 0)
+        outputs = ca.cse([y, slope] + ([ca.jacobian(y, x)] if self.of_states else []))
+        self.function = ArrayFunction(ca.Function("residual", [u, x, p], [ca.densify(outputs[0]), *outputs[1:]]))
+        rows, cols = outputs[1].sparsity().get_triplet()
+        self.slots = [(r, self.known[c]) for r, c in zip(rows, cols)]
+        self.state_slots = list(zip(*outputs[2].sparsity().get_triplet())) if self.of_states else []
+        self.plain = ArrayFunction(ca.Function("model", [u, x, p], [ca.densify(ca.cse(y))]))
+
+    @property
+    def n(self):
+        """Number of samples."""
+        return self.measured.shape[1]
+
+    def thin(self, k):
+        """The same problem on every k-th sample."""
+        def terms(parameters, free):
+            return [Term(t.weight, {n: _slice(v, slice(None, None, k)) for n, v in t.signals.items()},
+                         t.states[:, ::k], t.sensitivities[:, :, ::k]) for t in self.terms(parameters, free)]
+        return Residuals(self.question, self.channels, self.measured[:, ::k], terms, self.free, self.parameters,
+                         self.time[::k], self.group[::k], self.block[::k])
+
+    def _arguments(self, term, parameters, where):
+        q = self.selected
+        return ([_slice(term.signals.get(n, 0.0), where) for n in q.inputs] + [s[where] for s in term.states]
+                + [float(parameters[n]) for n in q.parameters])
+
+    def blocks(self, x, where=None):
+        """Yield (slice, residual, derivative of the model) over consecutive samples.
+
+        Parameters
+        ----------
+        x : sequence of float
+            Values of the free parameters.
+        where : slice, optional
+            Samples wanted.
+
+        Yields
+        ------
+        slice, ndarray of shape (channels, m), ndarray of shape (channels, free, m)
+        """
+        parameters = {**self.parameters, **dict(zip(self.free, x))}
+        terms = self.terms(parameters, self.of_states)
+        where = where or slice(0, self.n)
+        for start in range(where.start, where.stop, _CHUNK):
+            part = slice(start, min(start + _CHUNK, where.stop))
+            m = part.stop - part.start
+            residual = self.measured[:, part].copy()
+            slope = np.zeros((len(self.channels), len(self.free), m))
+            for term in terms:
+                self._add(term, parameters, part, m, residual, slope)
+            yield part, residual, slope
+
+    def _add(self, term, parameters, part, m, residual, slope):
+        for inner, values in self.function.blocks(self._arguments(term, parameters, part), m):
+            c = len(self.channels)
+            residual[:, inner] -= term.weight * values[:c]
+            for k, (channel, column) in enumerate(self.slots):
+                slope[channel, column, inner] += term.weight * values[c + k]
+            offset = c + len(self.slots)
+            for k, (channel, state) in enumerate(self.state_slots):
+                for f, name in enumerate(self.of_states):
+                    moved = term.sensitivities[f, state, part][inner]
+                    slope[channel, self.free.index(name), inner] += term.weight * values[offset + k] * moved
+
+    def residual(self, x):
+        """Residual of all samples, shape (channels, n)."""
+        parameters = {**self.parameters, **dict(zip(self.free, x))}
+        result = self.measured.copy()
+        for term in self.terms(parameters, ()):
+            for inner, values in self.plain.blocks(self._arguments(term, parameters, slice(0, self.n)), self.n):
+                result[:, inner] -= term.weight * values
+        return result
+
+    def gram(self, x, weights, robust=False):
+        """Moments of the weighted derivative and residual, [J r]' [J r], shape (p + 1, p + 1).
+
+        They hold all a least-squares step needs, whatever the number of samples.
+
+        Parameters
+        ----------
+        x : sequence of float
+        weights : sequence of float
+            One a channel.
+        robust : bool
+            Weigh residuals beyond 1.345 median spreads down (Huber).
+        """
+        p = len(self.free)
+        total = np.zeros((p + 1, p + 1))
+        for _, residual, slope in self.blocks(x):
+            for c, weight in enumerate(weights):
+                stacked = np.vstack([slope[c], residual[c][None]]) * weight
+                if robust:
+                    size = np.abs(residual[c]) / (1.4826 * np.median(np.abs(residual[c])) + 1e-300)
+                    stacked *= np.sqrt(np.minimum(1.0, 1.345 / np.maximum(size, 1e-9)))
+                total += stacked @ stacked.T
+        return total
+
+
+def _slice(value, where):
+    return value[where] if isinstance(value, np.ndarray) else value
+
+
+__all__ = ["Residuals", "Term", "propagate"]

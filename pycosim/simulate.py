@@ -1,0 +1,388 @@
+"""Model and known variables over time in, all other variables out: motion, joint torques or motor torques.
+
+``simulate`` integrates motor torques to motion, step by step with the very function that an FMU takes along;
+``estimate`` and ``compensate`` answer the explicit questions of a rig over arrays of samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from . import states as friction
+from .compile import ArrayFunction, solve
+from .errors import DataError, ModelicaError, UnknownNameError, closest
+
+__all__ = ["Dynamics", "compensate", "dynamics", "estimate", "propagate", "simulate", "step_function"]
+
+_CHUNK = 500
+
+
+@dataclass
+class Dynamics:
+    """A rig as a differential-algebraic system of index 1, ready to be stepped.
+
+    Attributes
+    ----------
+    inputs, states, algebraic, parameters, outputs : list of str
+        Names of the elements of the vectors below; outputs are all other variables of the rig.
+    start : dict of str to str
+        Name that ``start`` may give, to the state that carries it.
+    initial : casadi.Function
+        ``(x, z, u, p, t) -> z``: algebraic variables that fit the states, from a guess.
+    step : casadi.Function
+        ``(x, z, u0, u1, p, t, h) -> (x, z)`` after ``h`` seconds, inputs linear in between (two-point Radau
+        collocation, order 3, L-stable: short travels do not limit the step).
+    output : casadi.Function
+        ``(x, z, u, p, t) -> outputs``.
+    """
+
+    inputs: list
+    states: list
+    algebraic: list
+    parameters: list
+    outputs: list
+    start: dict
+    initial: ca.Function
+    step: ca.Function
+    output: ca.Function
+
+
+def dynamics(model):
+    """Compile the ``simulate`` question of a model; made once a model.
+
+    Parameters
+    ----------
+    model : pycosim.compile.Model
+
+    Returns
+    -------
+    Dynamics
+
+    Raises
+    ------
+    StudyError
+        The rig's annotation has no ``simulate``.
+    """
+    return model.library.memo(("dynamics", model.key), lambda: _dynamics(model))
+
+
+def _dynamics(model):
+    wanted, known = model.alternatives("simulate")[0]
+    known = [n for n in known if n != "time"]  # a rig whose inputs are bound says "from time"
+    flat = replace(model.flat)  # solving adds derivatives to it
+    solution = solve(flat, known, keep=wanted, explicit=False)
+    symbols, values = solution.symbols, solution.values
+    parameters = list(flat.parameters)
+    x, z, u, p = (ca.vertcat(*[symbols[n] for n in names], ca.SX(0, 1))
+                  for names in (solution.states, solution.algebraic, known, parameters))
+    rates = [values.get(flat.derivatives[n], symbols[flat.derivatives[n]]) for n in solution.states]
+    residual = ca.vertcat(*solution.residuals, ca.SX(0, 1))
+    outputs = [n for n in flat.variables if n in values and n not in known]
+    arguments, names = [x, z, u, p, symbols["time"]], ["x", "z", "u", "p", "t"]
+    system = ca.Function("system", arguments, [ca.cse(ca.vertcat(*rates, ca.SX(0, 1))), ca.cse(residual)])
+    start = {n: n for n in solution.states}
+    start.update({n: values[n].name() for n in outputs if values[n].is_symbolic() and values[n].name() in start})
+    output = ca.Function("output", arguments, [ca.cse(ca.densify(ca.vertcat(*[values[n] for n in outputs])))],
+                         names, ["y"])
+    return Dynamics(known, solution.states, solution.algebraic, parameters, outputs, start,
+                    _initial(system), _step(system), output)
+
+
+def _initial(system):
+    """Algebraic variables for given states."""
+    x, z, u, p, t = (ca.SX.sym(n, system.size1_in(k)) for k, n in enumerate("xzupt"))
+    names = ["x", "z", "u", "p", "t"]
+    if not z.numel():
+        return ca.Function("initial", [x, z, u, p, t], [z], names, ["z_next"])
+    residual = system(x, z, u, p, t)[1]
+    finder = ca.rootfinder("initial_root", "fast_newton", ca.Function("g", [z, ca.vertcat(x, u, p, t)], [residual]))
+    X, Z, U, P, T = (ca.MX.sym(n, system.size1_in(k)) for k, n in enumerate("xzupt"))
+    return ca.Function("initial", [X, Z, U, P, T], [finder(Z, ca.vertcat(X, U, P, T))], names, ["z_next"])
+
+
+def _step(system):
+    """One collocation step, in time relative to the step so that its length is an argument."""
+    sizes = [system.size1_in(k) for k in range(4)]
+    x, z, u0, p = (ca.SX.sym(n, size) for n, size in zip(["x", "z", "u0", "p"], sizes))
+    u1, t, h, s = ca.SX.sym("u1", sizes[2]), ca.SX.sym("t"), ca.SX.sym("h"), ca.SX.sym("s")
+    rate, residual = system(x, z, u0 + s * (u1 - u0), p, t + s * h)
+    dae = {"x": x, "p": ca.vertcat(u0, u1, p, t, h), "t": s, "ode": h * rate}
+    if z.numel():
+        dae.update(z=z, alg=residual)
+    integrator = ca.integrator("integrate", "collocation", dae, 0.0, 1.0, {
+        "collocation_scheme": "radau", "interpolation_order": 2, "number_of_finite_elements": 1,
+        "rootfinder": "fast_newton", "simplify": True,
+        "rootfinder_options": {"abstol": 1e-11, "max_iter": 100}})
+    names = ["x", "z", "u0", "u1", "p", "t", "h"]
+    a = [ca.MX.sym(n, size) for n, size in zip(names, [sizes[0], sizes[1], sizes[2], sizes[2], sizes[3], 1, 1])]
+    end = integrator(x0=a[0], z0=a[1], p=ca.vertcat(*a[2:]))
+    return ca.Function("step", a, [end["xf"], end["zf"]], names, ["x_next", "z_next"])
+
+
+def step_function(model, h=None):
+    """One step of a rig as a CasADi function, from which C can be generated.
+
+    Parameters
+    ----------
+    model : pycosim.compile.Model
+    h : float, optional
+        Step [s]; without it the step stays the last argument.
+
+    Returns
+    -------
+    casadi.Function
+        ``(x, z, u0, u1, p, t) -> (x_next, z_next)``; names of the elements are in ``dynamics(model)``.
+    """
+    step = dynamics(model).step
+    if h is None:
+        return step
+    a = [ca.MX.sym(step.name_in(k), step.sparsity_in(k)) for k in range(step.n_in() - 1)]
+    return ca.Function("step", a, step.call([*a, ca.MX(h)]), step.name_in()[:-1], step.name_out())
+
+
+def simulate(model, inputs, time, parameters=None, start=None, step=1e-3, hold=False):
+    """Motion from motor torques (or voltages) and outside torques.
+
+    Parameters
+    ----------
+    model : pycosim.compile.Model
+    inputs : dict of str to float or ndarray, shape (n,)
+        Inputs of the rig, linear between samples; those not given are zero.
+    time : ndarray, shape (n,)
+        Samples [s], increasing.
+    parameters : dict of str to float, optional
+        Instead of the model's defaults.
+    start : dict of str to float, optional
+        States at the first sample, as ``q_H`` [rad]; the others, speeds among them, start at zero.
+    step : float
+        Longest step [s].
+    hold : bool
+        Hold each input from its sample to the next instead.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        Every variable of the rig at the samples.
+
+    Raises
+    ------
+    UnknownNameError
+        An input, parameter or state of this name does not exist.
+    DataError
+        Time does not increase, or an input has another length.
+    ModelicaError
+        The equations have no solution on the way, as for a joint without inertia.
+    """
+    d = dynamics(model)
+    time = _times(time)
+    u = _rows(d.inputs, inputs, len(time), f"input of {model.rig}")
+    p = np.array(list(_parameters(model, parameters).values()))
+    start = start or {}
+    _check(start, d.start, f"state of {model.rig}")
+    x = np.zeros(len(d.states))
+    for name, value in start.items():
+        x[d.states.index(d.start[name])] = value
+    x, z = _march(model.rig, d, x, u, p, time, step, hold)
+    left = np.hstack([u[:, :1], u[:, :-1]]) if hold else u
+    y = _arrays(model, ("simulate",), d.output)([*x, *z, *left, *p, time], len(time))
+    result = {**dict(zip(d.states, x)), **dict(zip(d.outputs, y)), **dict(zip(d.inputs, u))}
+    return {n: result.get(n, a) for n, a in [*zip(d.algebraic, z), *result.items()]}
+
+
+def _march(rig, d, x, u, p, time, step, hold):
+    """States and algebraic variables at the samples."""
+    count = np.maximum(1, np.ceil(np.diff(time) / step - 1e-6)).astype(int)
+    owner = np.repeat(np.arange(len(count)), count)
+    part = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    h = (np.diff(time) / count)[owner]
+    left, right = u[:, owner], u[:, owner + 1]
+    u0 = left if hold else left + (right - left) * (part / count[owner])
+    u1 = left if hold else left + (right - left) * ((part + 1) / count[owner])
+    t, n = time[owner] + part * h, len(x)
+    states, algebraic = np.empty((n, len(h) + 1)), np.empty((len(d.algebraic), len(h) + 1))
+    states[:, 0], done = x, 0
+    try:
+        algebraic[:, :1] = d.initial(x, np.zeros(len(d.algebraic)), u[:, 0], p, time[0])
+        if not np.isfinite(algebraic[:, 0]).all():
+            raise RuntimeError
+        for a in range(0, len(h), _CHUNK):
+            done, b = a, min(a + _CHUNK, len(h))
+            walk = d.step.mapaccum("walk", b - a, 2)
+            columns = np.broadcast_to(p[:, None], (len(p), b - a))
+            xs, zs = walk(states[:, a], algebraic[:, a], u0[:, a:b], u1[:, a:b], columns, t[None, a:b], h[None, a:b])
+            states[:, a + 1:b + 1], algebraic[:, a + 1:b + 1] = xs, zs
+            if not np.isfinite(states[:, b]).all():
+                raise RuntimeError
+    except RuntimeError:
+        when = t[done] if len(t) else time[0]
+        raise ModelicaError(f"{rig}: no solution near t = {when:g} s; check that every joint has inertia and that the "
+                            f"inputs are finite, or take a step below {step:g} s") from None
+    at = np.r_[0, np.cumsum(count)]
+    return states[:, at], algebraic[:, at]
+
+
+def estimate(model, signals, time, parameters=None, form=0):
+    """What a rig's ``estimate`` asks for, as joint torques from motion and motor torques.
+
+    Parameters
+    ----------
+    model : pycosim.compile.Model
+    signals : dict of str to float or ndarray, shape (n,)
+        Known variables, and their derivatives as ``der(motor1.phi)``; a derivative that is not given is taken by
+        central differences of its variable.
+    time : ndarray, shape (n,)
+        Samples [s], increasing; friction states start at zero at the first.
+    parameters : dict of str to float, optional
+        Instead of the model's defaults.
+    form : int
+        Which of the alternatives in the rig's annotation.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        What was asked for, and speed, load and loss of every segment among others.
+
+    Raises
+    ------
+    UnknownNameError
+        The rig has no such variable or parameter.
+    DataError
+        A known variable is missing, or has another length.
+    """
+    return _answer(model, "estimate", form, signals, time, parameters)
+
+
+def compensate(model, signals, time, parameters=None, form=0):
+    """What a rig's ``compensate`` asks for, as motor torques for wanted joint torques.
+
+    Parameters, returns and errors are those of `estimate`.
+    """
+    return _answer(model, "compensate", form, signals, time, parameters)
+
+
+def propagate(question, signals, time, parameters):
+    """Friction states along a log, from zero at the first sample.
+
+    A state follows ``x' = a x + b`` with ``a`` and ``b`` of the speed; each step is exact for inputs held at their mean
+    over it, so that a travel far below the motion of one sample only saturates the state.
+
+    Parameters
+    ----------
+    question : Question
+    signals : dict of str to ndarray, shape (n,)
+        Inputs of the question; those that the states do not need may be missing.
+    time : ndarray, shape (n,)
+    parameters : dict of str to float
+        All that the question has.
+
+    Returns
+    -------
+    ndarray, shape (number of states, n)
+    """
+    u, x, p = question.symbols()
+    m, n = x.numel(), len(time)
+    if not m or n < 2:
+        return np.zeros((m, n))
+    rate = question.rate(u, x, p)
+    slope = ca.jacobian(rate, x)
+    if not slope.sparsity().is_diag() or ca.depends_on(slope, x):  # coupled or nonlinear states: one step at a time
+        return friction.propagate(question, signals, time, parameters)[0]
+    offset = ca.substitute(rate, x, ca.DM.zeros(m))
+    law = ArrayFunction(ca.Function("law", [u, p], [ca.densify(ca.vertcat(ca.diag(slope), offset))]))
+    known = [np.broadcast_to(signals.get(name, 0.0), n) for name in question.inputs]
+    values = law([*[(v[1:] + v[:-1]) / 2 for v in known], *[parameters[name] for name in question.parameters]], n - 1)
+    y = values[:m] * np.diff(time)
+    growth = np.divide(np.expm1(y), y, out=np.ones_like(y), where=y != 0)
+    return _scan(np.exp(y), values[m:] * np.diff(time) * growth)
+
+
+def _scan(a, b):
+    """Solve ``x[k + 1] = a[k] x[k] + b[k]`` from zero, along the last axis, in the square root of its length.
+
+    The axis is cut into rows that advance side by side; then the end of each row starts the next.
+    """
+    m, n = a.shape
+    width = int(np.ceil(np.sqrt(n)))
+    rows = -(-n // width)
+    fill = ((0, 0), (0, rows * width - n))
+    a, b = (np.pad(v, fill).reshape(m, rows, width) for v in (a, b))
+    total, x = np.multiply.accumulate(a, axis=2), b.copy()
+    for k in range(1, width):
+        x[:, :, k] += a[:, :, k] * x[:, :, k - 1]
+    for r in range(1, rows):
+        x[:, r] += total[:, r] * x[:, r - 1, -1:]
+    return np.hstack([np.zeros((m, 1)), x.reshape(m, -1)[:, :n]])
+
+
+def _answer(model, name, form, signals, time, parameters):
+    question = model.question(name, form)
+    time = _times(time)
+    values = _parameters(model, parameters)
+    strange = set(signals) - set(question.inputs) - set(question.outputs)
+    if strange:
+        _check(sorted(strange), [*question.inputs, *model.flat.variables], f"variable of {model.rig}")
+    known = _known(model, name, question, signals, time)
+    x = propagate(question, known, time, values)
+    p = [values[n] for n in question.parameters]
+    y = _arrays(model, (name, form), question.output)([*known.values(), *x, *p], len(time))
+    return dict(zip(question.outputs, y))
+
+
+def _known(model, name, question, signals, time):
+    """Inputs of a question in its order, derivatives filled in."""
+    known = {}
+    for n in question.inputs:
+        inner = n[4:-1]
+        if n == "time":
+            known[n] = time
+        elif n in signals:
+            known[n] = _row(n, signals[n], len(time))
+        elif n.startswith("der(") and inner in known:
+            known[n] = np.gradient(known[inner], time) if len(time) > 1 else np.zeros(len(time))
+        else:
+            raise DataError(f"to {name}, {model.rig} needs '{n}'; give it for every sample")
+    return known
+
+
+def _arrays(model, key, function):
+    return model.library.memo(("arrays", model.key, *key), lambda: ArrayFunction(function.expand()))
+
+
+def _times(time):
+    time = np.asarray(time, float)
+    if time.ndim != 1 or not len(time):
+        raise DataError(f"time has shape {time.shape}; give one value a sample")
+    later = np.diff(time) > 0
+    if not later.all():
+        k = int(np.argmin(later)) + 1
+        raise DataError(f"time does not increase at sample {k}: {time[k - 1]:g} s, then {time[k]:g} s")
+    return time
+
+
+def _row(name, value, n):
+    value = np.asarray(value, float)
+    if value.ndim and value.shape != (n,):
+        raise DataError(f"'{name}' has shape {value.shape}, time has {n} samples; give one value a sample")
+    return np.ascontiguousarray(np.broadcast_to(value, n))
+
+
+def _rows(names, given, n, what):
+    _check(given, names, what)
+    return np.array([_row(name, given.get(name, 0.0), n) for name in names]).reshape(len(names), n)
+
+
+def _parameters(model, given):
+    values = {n: v.value for n, v in model.parameters.items()}
+    _check(given or {}, values, f"parameter of {model.rig}")
+    values.update({n: float(v) for n, v in (given or {}).items()})
+    return values
+
+
+def _check(names, known, what):
+    for name in names:
+        if name not in known:
+            kind, _, rig = what.partition(" of ")
+            raise UnknownNameError(f"no {kind} '{name}' in {rig}{closest(name, known)}")

@@ -1,0 +1,115 @@
+"""Every class of the library compiles, in two compilers, and describes itself; an effect at neutral changes nothing."""
+
+import re
+
+import numpy as np
+import pytest
+
+from pycosim.compile import Library, catalogue, places
+from pycosim.compile.parse import LIBRARY
+from pycosim.simulate import dynamics, estimate
+
+ROOT = LIBRARY / "DriveTrain"
+
+RIGS = sorted(f"Rigs.{p.stem}" for p in (ROOT / "Rigs").glob("*.mo") if p.stem != "package")
+EXAMPLES = sorted(f"Examples.{p.stem}" for p in (ROOT / "Examples").glob("*.mo") if p.stem != "package")
+FILES = sorted(p for p in ROOT.rglob("*.mo"))
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_rig_answers_every_question_its_annotation_offers(model, name):
+    rig = model(name)
+    assert {"estimate", "compensate", "simulate"} <= set(rig.notes)
+    for question in {"estimate", "compensate", "gravity_model"} & set(rig.notes):
+        for form, (wanted, known) in enumerate(rig.alternatives(question)):
+            answer = rig.question(question, form)
+            assert set(wanted) <= set(answer.outputs)
+            assert {n for n in answer.inputs if not n.startswith("der(")} <= set(known) | {"time"}
+    assert set(dynamics(rig).algebraic).isdisjoint(dynamics(rig).states)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_every_rig_has_an_example(name):
+    assert name.replace("Rigs", "Examples") in EXAMPLES
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_example_says_what_to_plot_and_needs_no_inputs(model, name):
+    assert "Plot" in (ROOT / (name.replace(".", "/") + ".mo")).read_text()
+    assert dynamics(model(name)).inputs == []
+
+
+@pytest.mark.parametrize("name", RIGS + EXAMPLES)
+def test_second_compiler_takes_it_too(rumoca_model, name):
+    rumoca_model(name)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_one_short_class_a_file(path):
+    lines = path.read_text().splitlines()
+    assert lines[-1] == f"end {path.parent.name if path.stem == 'package' else path.stem};"
+    assert len(lines) <= 90 and max(map(len, lines)) <= 120
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_everything_declared_has_a_description_and_every_quantity_a_unit(path):
+    head, *declared = _statements(path)
+    assert re.search(r'(package|model|connector|class) \w+ "[^"]+"', head), "the class has no description"
+    for statement in declared:
+        assert re.search(r'"[^"]+"$', statement), statement
+        assert " Real " not in f" {statement}" or 'unit="' in statement, statement
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "Effects").glob("[A-Z]*.mo")), ids=lambda p: p.stem)
+def test_coefficients_of_an_effect_have_bounds_and_a_nominal_value(path):
+    found = [s for s in _statements(path)[1:] if s.startswith("parameter ")]
+    assert found
+    for statement in found:
+        low, high, nominal = (float(re.search(rf"{a}=([-+.\de]+)", statement)[1]) for a in ("min", "max", "nominal"))
+        assert low < high and 0 < nominal <= high
+
+
+def _statements(path):
+    """Head of a class and its declarations, one string each."""
+    text = re.split(r"\n(?:equation|  annotation|end )", path.read_text())[0]
+    head, _, body = text.partition("\n  ")
+    found = (" ".join(s.removeprefix("protected").split()) for s in re.split(r";(?:\n|$)", body))
+    return [head, *(s for s in found if s and not s.startswith("extends"))]
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_all_neutral_effects_together_change_nothing(library, model, name):
+    attached = _offers(library, name)
+    assert len(attached) >= 5
+    _same(model(name), model(name, attached))
+
+
+@pytest.mark.parametrize("name", ["Rigs.GearedJoint", "Rigs.ServoPendulum", "Rigs.HipKnee"])
+def test_each_neutral_effect_changes_nothing(library, model, name):
+    for offer in _offers(library, name):
+        _same(model(name), model(name, [offer]), offer)
+
+
+def _offers(library, name):
+    """Every effect of the catalogue at its first place in a rig."""
+    rig = f"DriveTrain.{name}"
+    found = [(e.id, places(library, rig, e)) for e in catalogue(library).values()]
+    return [(effect, where[0].name) for effect, where in found if where]
+
+
+def _same(bare, full, what=""):
+    """Check that two models estimate the same along a log with reversals."""
+    time = np.linspace(0, 1, 200)
+    known = [n for n in bare.question("estimate").inputs if not n.startswith("der(")]
+    signals = {n: 0.3 * np.sin((3 + k) * time + k) for k, n in enumerate(known)}
+    a, b = estimate(bare, signals, time), estimate(full, signals, time)
+    for n in bare.alternatives("estimate")[0][0]:
+        np.testing.assert_allclose(b[n], a[n], atol=1e-12, err_msg=str(what))
+
+
+@pytest.mark.parametrize(("name", "segment"), [("Rigs.ServoPendulum", "gear"), ("Rigs.ScrewDrive", "screw")])
+def test_an_effect_of_the_base_model_is_neither_a_place_nor_a_candidate_there(library, model, name, segment):
+    assert list(model(name).segments) == [segment]
+    for effect in catalogue(library).values():
+        found = {p.name for p in places(library, f"DriveTrain.{name}", effect)}
+        assert found <= ({"motor"} if effect.id == "viscous" else {"motor", segment})

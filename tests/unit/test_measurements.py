@@ -1,0 +1,339 @@
+"""Claims about logs: SI signals come out, what would mislead a fit is refused with its row, nothing is repaired."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pycosim.errors import DataError
+from pycosim.measurements import default_window, derivatives, load, read_log, require, resolution
+from pycosim.study import Column, Study
+
+DATA = Path(__file__).parents[2] / "../shared/data"
+COLUMNS = {"theta1": Column("motor1.phi", "rad"), "tau1": Column("motor1.tau", "N.m"),
+           "omega1": Column("motor1.w", "rad/s"), "C_H": Column("C_H", "N.m")}
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured data is not at {DATA}")
+
+
+def make_study(tmp_path, **options):
+    return Study(tmp_path / "study.toml", "DriveTrain.Rigs.HipKnee", **{"columns": COLUMNS, **options})
+
+
+def frame(n=40, **columns):
+    t = np.round(np.arange(n) * 0.01, 4)
+    return pd.DataFrame({"time": t, "theta1": np.sin(3 * t), "tau1": 0.5 + 0.1 * t, **columns})
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Write a frame, text or bytes as a log and read it."""
+    def do(content, name="run.csv", **options):
+        path = tmp_path / name
+        if isinstance(content, pd.DataFrame):
+            content = content.to_csv(index=False)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return read_log(path, make_study(tmp_path, **options))
+    return do
+
+
+# --- what is read ---------------------------------------------------------------------------------------------------
+
+
+def test_a_log_comes_out_in_si_by_variable(read):
+    columns = {"theta1": Column("motor1.phi", "deg", zero=10.0), "tau1": Column("motor1.tau", "A", k_m=0.1)}
+    source = frame()
+    log = read(source, columns=columns)
+    assert set(log.signals) == {"motor1.phi", "motor1.tau"} and log.name == "run.csv"
+    np.testing.assert_allclose(log.signals["motor1.phi"], np.radians(source.theta1 - 10.0))
+    np.testing.assert_allclose(log.signals["motor1.tau"], 0.1 * source.tau1)
+    np.testing.assert_array_equal(log.rows, np.arange(40) + 2)
+
+
+def test_labels_and_unknown_columns_need_no_attention(read):
+    source = frame(manoeuvre=["A"] * 20 + [""] * 20, note="x,y", other="text")
+    log = read(source)
+    assert set(log.labels[:20]) == {"A"} and set(log.labels[20:]) == {""}
+    assert read(frame()).labels is None
+
+
+def test_byte_order_mark_windows_lines_and_blanks_in_the_header_do_no_harm(read):
+    text = "\ufeff" + frame().to_csv(index=False, lineterminator="\r\n").replace("theta1", " theta1 ") + "\r\n\r\n"
+    np.testing.assert_array_equal(read(text).signals["motor1.phi"], read(frame()).signals["motor1.phi"])
+
+
+def test_parquet_gives_what_csv_gives(tmp_path, read):
+    pytest.importorskip("pyarrow")
+    source = frame(manoeuvre="A")
+    source.to_parquet(tmp_path / "run.parquet")
+    log = read_log(tmp_path / "run.parquet", make_study(tmp_path))
+    np.testing.assert_array_equal(log.signals["motor1.tau"], read(source).signals["motor1.tau"])
+    assert set(log.labels) == {"A"}
+
+
+def test_the_unit_of_time_can_be_said(read):
+    source = frame().assign(time=np.arange(40) * 10.0)
+    log = read(source, columns={**COLUMNS, "time": Column("time", "ms")})
+    assert log.time[-1] == pytest.approx(0.39) and "time" not in log.signals
+
+
+def test_a_file_can_be_one_sample(read):
+    log = read(frame(), average="file")
+    assert log.time.shape == log.signals["motor1.tau"].shape == (1,)
+    assert log.signals["motor1.tau"][0] == pytest.approx(frame().tau1.mean()) and log.meta["samples"] == 40
+
+
+def test_drop_outs_are_skipped_only_on_request_and_recorded(read):
+    source = frame()
+    source.loc[[5, 6, 20], "theta1"] = [np.nan, np.inf, np.nan]
+    log = read(source, drop_outs="skip")
+    assert log.dropped == [(7, 8), (22, 22)] and log.time.size == 37 and 7 not in log.rows
+
+
+def test_load_reads_runs_then_held_out_runs(tmp_path):
+    for name in ("a.csv", "b.csv"):
+        frame().to_csv(tmp_path / name, index=False)
+    study = make_study(tmp_path, runs=[tmp_path / "a.csv"], held_out=[tmp_path / "b.csv"])
+    assert [(log.name, log.held_out) for log in load(study)] == [("a.csv", False), ("b.csv", True)]
+    assert [log.name for log in load(study, [tmp_path / "b.csv"])] == ["b.csv"]
+    with pytest.raises(DataError, match="no logs to fit.*--data"):
+        load(replace(study, runs=[]))
+
+
+# --- what is refused ------------------------------------------------------------------------------------------------
+
+
+def lines(change):
+    """The good file with its list of lines changed."""
+    text = frame().to_csv(index=False).splitlines()
+    return "\n".join(change(text)) + "\n"
+
+
+def cell(row, column, value):
+    source = frame().astype(object)
+    source.loc[row - 2, column] = value
+    return source
+
+
+REFUSED = {
+    "not a number": (cell(9, "tau1", np.nan), ["row 9", "'tau1'", "NaN", 'drop_outs = "skip"']),
+    "infinite": (cell(9, "tau1", "inf"), ["row 9", "'tau1'", "infinite"]),
+    "empty cell in time": (cell(9, "time", ""), ["row 9", "'time'"]),
+    "time back": (cell(9, "time", 0.0), ["row 9", "goes backwards", "0 s after 0.06 s"]),
+    "time repeats": (cell(9, "time", 0.06), ["row 9", "repeats", "0.06 s"]),
+    "one row": (frame(1), ["one usable row"]),
+    "header only": (frame(0), ["header but no data rows"]),
+    "empty file": (b"", ["empty"]),
+    "binary": (b"PK\x03\x04\x00\x00\x00", ["binary file"]),
+    "utf-16": (frame().to_csv(index=False).encode("utf-16"), ["binary file"]),
+    "latin-1": ("time,theta1,tau1\n0,1,2\n1,2,3°\n".encode("latin-1"), ["row 3", "UTF-8"]),
+    "duplicate": (frame().to_csv(index=False).replace("tau1", "theta1", 1), ["column 'theta1'", "2 times"]),
+    "truncated": (lines(lambda x: x[:-1] + [x[-1].split(",")[0]]), ["row 41", "1 fields", "3", "ends within a row"]),
+    "ragged": (lines(lambda x: x[:7] + [x[7] + ",1"] + x[8:]), ["row 8", "4 fields", "3"]),
+    "blank line within": (lines(lambda x: x[:7] + [""] + x[7:]), ["row 8", "1 fields"]),
+    "ragged with quotes": (lines(lambda x: ['time,"theta1",tau1', *x[1:6], x[6] + ",1"]), ["row 7", "4 fields"]),
+    "text": (cell(9, "tau1", "overload"), ["row 9", "'tau1'", "'overload' is not a number"]),
+    "decimal comma": (cell(9, "tau1", "0,5"), ["row 9", "'0,5'", "decimal point"]),
+    "semicolons": (frame().to_csv(index=False, sep=";"), ["semicolons", "commas"]),
+    "tabs": (frame().to_csv(index=False, sep="\t"), ["tabs"]),
+    "no time": (frame().rename(columns={"time": "Time"}), ["'time'", "closest: 'Time'", "time_column"]),
+    "none of ours": (frame().rename(columns={"theta1": "a", "tau1": "b"}),
+                     ["none of the study's columns", "it has time, a, b"]),
+    "other case": (frame().rename(columns={"tau1": "Tau1"}), ["no column 'tau1'", "closest: 'Tau1'"]),
+    "dead torque": (frame(C_H=0.0), ["'C_H'", "exactly zero"]),
+    "no motion": (frame().assign(theta1=1.0), ["nothing moves", "theta1"]),
+    "column without numbers": (frame(C_H=np.nan), ["'C_H'", "no number at all"]),
+    "microseconds": (frame().assign(time=np.arange(40) * 1e4), ["every 1e+04 s", "must be in s", 'unit = "ms"']),
+    "too fast": (frame().assign(time=np.arange(40) * 1e-9), ["every 1e-09 s"]),
+    "speed in rpm": (frame(omega1=3 * np.cos(3 * frame().time) * 9.5493),
+                     ["'theta1'", "'omega1'", "0.105 times", "units"]),
+    "speed with other sign": (frame(omega1=-3 * np.cos(3 * frame().time)), ["-1 times", "signs"]),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_log_that_would_mislead_is_refused_with_its_place(read, case):
+    content, words = REFUSED[case]
+    with pytest.raises(DataError) as caught:
+        read(content)
+    assert "run.csv" in str(caught.value) and "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_what_is_not_a_file_is_refused(tmp_path, read):
+    study = make_study(tmp_path)
+    with pytest.raises(DataError, match="is a folder"):
+        read_log(tmp_path, study)
+    read(frame())
+    with pytest.raises(DataError, match="no log .*rum.csv; closest: 'run.csv'"):
+        read_log(tmp_path / "rum.csv", study)
+    with pytest.raises(DataError, match=r"ending '.txt'.*\[data\] reader"):
+        read(frame(), "run.txt")
+
+
+def test_a_label_column_that_was_asked_for_must_be_there(read):
+    with pytest.raises(DataError, match="no label column 'phase'"):
+        read(frame(), labels="phase")
+
+
+def test_all_rows_dropped_is_no_log(read):
+    source = frame(4)
+    source.loc[[0, 1, 2], "theta1"] = np.nan
+    with pytest.raises(DataError, match="one usable row"):
+        read(source, drop_outs="skip")
+
+
+def test_what_a_question_needs_is_named_by_its_column(read):
+    log = read(frame())
+    require(log, ["motor1.phi", "motor1.tau"])
+    with pytest.raises(DataError, match="run.csv: no column 'C_H', which holds 'C_H'"):
+        require(log, ["C_H"])
+    with pytest.raises(DataError, match=r"'motor2.phi' is needed.*add \[columns\]"):
+        require(log, ["motor2.phi"])
+
+
+def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch):
+    (tmp_path / "run.parquet").write_bytes(b"PAR1")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(DataError, match="pip install"):
+        read_log(tmp_path / "run.parquet", make_study(tmp_path))
+
+
+def test_broken_parquet_is_refused(tmp_path):
+    pytest.importorskip("pyarrow")
+    (tmp_path / "run.parquet").write_bytes(b"no such thing")
+    with pytest.raises(DataError, match="is not a Parquet file"):
+        read_log(tmp_path / "run.parquet", make_study(tmp_path))
+    frame(tau1="x").to_parquet(tmp_path / "text.parquet")
+    with pytest.raises(DataError, match="'tau1': holds .*'x' in row 2"):
+        read_log(tmp_path / "text.parquet", make_study(tmp_path))
+
+
+# --- other formats --------------------------------------------------------------------------------------------------
+
+SERVO = {"position": Column("motor.phi", "rad"), "speed": Column("motor.w", "rad/s"), "voltage": Column("motor.v", "V")}
+SCREW = {"velocity": Column("motor.w", "rad/s"), "torque": Column("motor.tau", "N.m")}
+
+
+def servo_run(**changes):
+    entry = {"speed": 0.0, "load": 65535, "input_volts": 8.85, "temp": 28, "goal_position": 0.0, "torque_enable": True}
+    entries = [{**entry, "timestamp": 0.01 * k, "position": 0.01 * k} for k in range(5)]
+    return {"mass": 0.49, "length": 0.1, "kp": 100, "vin": 7.4, "trajectory": "sin_sin", "entries": entries, **changes}
+
+
+def test_servo_load_is_a_signed_number(read):
+    log = read(json.dumps(servo_run()), "run.json", columns=SERVO, reader="bam")
+    np.testing.assert_allclose(log.signals["motor.v"], -0.01)
+    assert log.meta["mass"] == 0.49 and log.meta["powered"]
+
+
+def test_servo_samples_without_power_are_left_out(read):
+    run = servo_run(trajectory="lift_and_drop")
+    run["entries"][3]["torque_enable"] = False
+    log = read(json.dumps(run), "run.json", columns=SERVO, reader="bam")
+    assert log.time.size == 3 and log.dropped == [(4, 5)] and not log.meta["powered"]
+
+
+@pytest.mark.parametrize("content, words", [
+    ("{", ["is not JSON", "reader"]), ("[]", ["no entries"]),
+    (json.dumps(servo_run(entries=[{"timestamp": 0.0}])), ["entry 1", "no 'position'"]),
+    (json.dumps(servo_run()).replace('"temp": 28', '"temp": "hot"', 1), ["entry 1", "'temp' is not a number"]),
+])
+def test_a_broken_servo_log_is_refused(read, content, words):
+    with pytest.raises(DataError) as caught:
+        read(content, "run.json", columns=SERVO, reader="bam")
+    assert all(w in str(caught.value) for w in words)
+
+
+@pytest.mark.parametrize("content, words", [
+    ("time,torque\n1,2\n", ["no units line"]), ("ms;rpm;Nm\n0;1;2\n", ["row 1", "unknown unit 'Nm'"]),
+    ("x\nms;rpm;%\n0;1;2\n1;1\n", ["row 4", "2 fields"]), ("ms;rpm;%\n0;1;2\n1;x;2\n", ["row 3", "not 3 numbers"]),
+])
+def test_a_broken_screw_log_is_refused(read, content, words):
+    with pytest.raises(DataError) as caught:
+        read(content, "20.csv", columns=SCREW, reader="epos")
+    assert all(w in str(caught.value) for w in words)
+
+
+@needs_data
+def test_all_servo_runs_are_read(tmp_path):
+    study = make_study(tmp_path, columns=SERVO, reader="bam")
+    logs = load(study, sorted((DATA / "bam_xl330").glob("*.json")))
+    assert len(logs) == 16 and sum(log.meta["powered"] for log in logs) == 12
+    for log in logs:
+        assert np.abs(log.signals["motor.v"]).max() < 9.0
+        assert bool(log.dropped) == (log.meta["trajectory"] == "lift_and_drop")
+
+
+@needs_data
+def test_all_steady_screw_runs_are_read(tmp_path):
+    study = make_study(tmp_path, columns=SCREW, reader="epos", average="file")
+    logs = load(study, sorted((DATA / "screw_drives").glob("*/steady_state/*/*.csv")))
+    assert len(logs) == 62
+    for log in logs:
+        # the drives log with the sign opposite to the file's name
+        assert log.signals["motor.w"][0] == pytest.approx(-log.meta["speed"], rel=0.05, abs=0.02)
+        assert np.sign(log.signals["motor.tau"][0]) == -np.sign(log.meta["speed"])
+
+
+@needs_data
+def test_the_servos_own_speed_lags_and_the_derivative_does_not(tmp_path):
+    path = DATA / "bam_xl330/2026-01-15_10h30m10.json"
+    log = read_log(path, make_study(tmp_path, columns=SERVO, reader="bam"))
+    angle = log.signals["motor.phi"]
+    speed = derivatives(log.time, angle, default_window(log.time, resolution(angle)))[0]
+    travel = np.append(0.0, np.cumsum(np.diff(log.time) * (speed[1:] + speed[:-1]) / 2))
+    assert np.std(travel - angle) < 0.02
+    lagged = np.interp(log.time - 0.02, log.time, speed)
+    assert np.std(lagged - log.signals["motor.w"]) < 0.2 * np.std(speed - log.signals["motor.w"])
+
+
+# --- derivatives ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("window", [0.02, 0.1, 5.0])
+def test_a_cubic_is_differentiated_exactly_also_at_the_ends_and_with_uneven_sampling(window):
+    rng = np.random.default_rng(0)
+    t = 1e3 + np.cumsum(rng.uniform(0.002, 0.02, 300))
+    x = t - t[0]
+    first, second = derivatives(t, 2.0 + x - 0.5 * x**2 + 0.1 * x**3, window)
+    np.testing.assert_allclose(first, 1 - x + 0.3 * x**2, atol=1e-8)
+    np.testing.assert_allclose(second, -1 + 0.6 * x, atol=2e-6)
+
+
+def test_derivatives_do_not_lag():
+    t = np.arange(0, 10, 0.01)
+    first = derivatives(t, np.sin(4 * t), 0.15)[0][50:-50]
+    inner = t[50:-50]
+    (_, lag), *_ = np.linalg.lstsq(np.column_stack([np.cos(4 * inner), np.sin(4 * inner)]), first)
+    assert abs(lag) < 1e-9
+    np.testing.assert_allclose(first, 4 * np.cos(4 * inner), atol=4e-3)
+
+
+def test_a_gap_in_the_log_makes_no_speed():
+    t = np.concatenate([np.arange(0, 1, 0.01), np.arange(5, 6, 0.01)])
+    first, _ = derivatives(t, np.where(t < 2, 0.0, 3.0) + 0.5 * t, 0.1)
+    np.testing.assert_allclose(first, 0.5, atol=1e-6)
+
+
+def test_the_window_grows_with_the_encoders_step_and_keeps_the_speed_quiet():
+    t = np.arange(0, 20, 0.01)
+    true = np.sin(0.7 * t)
+    windows = []
+    for quantum in (1e-4, 1e-3, 2e-3):
+        angle = np.round(true / quantum) * quantum
+        assert resolution(angle) == pytest.approx(quantum, rel=0.5)
+        windows.append(default_window(t, resolution(angle)))
+        speed = derivatives(t, angle, windows[-1])[0]
+        assert np.std(speed - 0.7 * np.cos(0.7 * t)) < 0.012
+    assert windows == sorted(windows) and windows[0] == pytest.approx(0.08)
+    assert resolution(np.full(50, 2.0)) == 0.0
+
+
+def test_too_few_samples_have_no_derivative():
+    with pytest.raises(DataError, match="4 samples"):
+        derivatives(np.arange(4.0), np.arange(4.0), 1.0)

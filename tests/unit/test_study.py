@@ -1,0 +1,225 @@
+"""Claims about studies: what is read is what is written, and every slip is named with its place and a way out."""
+
+from pathlib import Path
+
+import pytest
+
+from pycosim.compile.parse import Library
+from pycosim.errors import BoundsError, StudyError, UnknownNameError
+from pycosim.study import Column, Setting, load_study, write_study
+
+RIG = '[rig]\nmodel = "DriveTrain.Rigs.HipKnee"\n'
+FULL = RIG + """
+[parameters]
+"s1A.f0" = { value = 0.05, min = 0.0, max = 1.0, fixed = false }
+s1B.mu = { value = 0.97 }
+
+[data]
+runs = ["run1.csv", "more/run2.csv"]
+held_out = ["run3.csv"]
+reference = "sensor"
+label = "phase"
+w_min = 0.03
+seed = 7
+drop_outs = "skip"
+
+[columns]
+theta1 = { variable = "motor1.phi", unit = "deg", zero = 2 }
+i1 = { variable = "motor1.tau", unit = "mA", k_m = 0.11 }
+
+[[effects]]
+effect = "viscous"
+place = "1A+2A"
+"""
+
+
+@pytest.fixture(scope="module")
+def library():
+    return Library()
+
+
+@pytest.fixture
+def study(tmp_path):
+    """Write a study's text and load it."""
+    def make(text):
+        (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+        return load_study(tmp_path / "study.toml")
+    return make
+
+
+def test_a_study_is_read_whole(study, tmp_path):
+    found = study(FULL)
+    assert found.rig == "DriveTrain.Rigs.HipKnee"
+    assert found.parameters == {"s1A.f0": Setting(0.05, 0.0, 1.0, False), "s1B.mu": Setting(0.97)}
+    assert found.runs == [tmp_path / "run1.csv", tmp_path / "more/run2.csv"]
+    assert found.held_out == [tmp_path / "run3.csv"]
+    assert (found.reference, found.labels, found.w_min, found.seed) == ("sensor", "phase", 0.03, 7)
+    assert found.drop_outs == "skip"
+    assert found.columns["i1"] == Column("motor1.tau", "mA", 0.11)
+    assert found.effects == [("viscous", "1A+2A")]
+
+
+def test_the_least_study_has_the_contracts_defaults(study):
+    found = study(RIG)
+    assert (found.reference, found.labels, found.time_column, found.seed) == ("unknown", "manoeuvre", "time", 0)
+    assert (found.runs, found.w_min, found.drop_outs, found.average, found.reader) == ([], None, "refuse", None, None)
+
+
+def test_a_column_becomes_si_with_its_zero_and_torque_constant(study):
+    columns = study(FULL).columns
+    assert columns["theta1"].si(182.0) == pytest.approx(3.14159265)
+    assert columns["i1"].si(2000.0) == pytest.approx(0.22)
+    assert columns["i1"].dimension == "N.m"
+
+
+def test_a_written_study_is_the_same_study(study, tmp_path):
+    first = study(FULL)
+    other = tmp_path / "elsewhere"
+    other.mkdir()
+    again = load_study(write_study(first, other / "study.toml"))
+    assert {**vars(again), "path": 0} == {**vars(first), "path": 0}
+    text = (other / "study.toml").read_text()
+    assert '"../run1.csv"' in text and "#" not in text
+    assert [p.name for p in other.iterdir()] == ["study.toml"]
+
+
+@pytest.mark.parametrize("name", ['quo"te', "back\\slash", "tab\t", "ünï", "a.b", "line\nbreak", "\x7f"])
+def test_awkward_column_names_survive_writing(study, tmp_path, name):
+    first = study(RIG)
+    first.columns[name] = Column("motor1.phi", "rad")
+    assert list(load_study(write_study(first, tmp_path / "b.toml")).columns) == [name]
+
+
+def test_top_level_w_min_and_seed_mean_the_same_as_in_data(study):
+    found = study("w_min = 0.1\nseed = 3\n" + RIG)
+    assert (found.w_min, found.seed) == (0.1, 3)
+
+
+def test_a_pattern_stands_for_the_files_it_matches(study, tmp_path):
+    for name in ("b.csv", "a.csv"):
+        (tmp_path / name).write_text("x")
+    assert [p.name for p in study(RIG + '[data]\nruns = ["*.csv"]').runs] == ["a.csv", "b.csv"]
+
+
+def test_given_data_replaces_the_runs_and_keeps_held_out_files_held_out(study, tmp_path):
+    found = study(FULL).with_data([tmp_path / "x.csv", tmp_path / "run3.csv"])
+    assert (found.runs, found.held_out) == ([tmp_path / "x.csv"], [tmp_path / "run3.csv"])
+    assert study(FULL).with_data([tmp_path / "run3.csv"]).runs == [tmp_path / "run3.csv"]
+    with pytest.raises(StudyError, match="x.csv is listed twice"):
+        study(FULL).with_data(["x.csv", "x.csv"])
+
+
+BROKEN = {
+    "no rig": ("[data]\nruns = []", ["no [rig]"]),
+    "no model": ("[rig]\nmodelica = []", ["model is missing"]),
+    "broken toml": ("[rig]\nmodel = \n", ["not valid TOML", "line 2"]),
+    "unknown table": (RIG + "[parameter]\n", ["unknown table 'parameter'", "closest: 'parameters'", "study.toml:3"]),
+    "unknown key": (RIG + '[data]\nrun = ["a.csv"]',
+                    ["[data]", "unknown key 'run'", "closest: 'runs'", "study.toml:4"]),
+    "unknown rig key": ('[rig]\nmodle = "x"', ["[rig]", "'modle'", "closest: 'model'"]),
+    "wrong type": (RIG + '[data]\nruns = "a.csv"', ["runs must be a list", '"a.csv"']),
+    "wrong item": (RIG + "[data]\nruns = [1]", ["runs must be a list of file names", "1"]),
+    "a truth is no number": (RIG + '[parameters]\n"s1A.f0" = { value = true }', ["'s1A.f0'", "finite number", "true"]),
+    "nan": (RIG + '[parameters]\n"s1A.f0" = { value = nan }', ["'s1A.f0'", "finite number", "nan"]),
+    "bare number": (RIG + '[parameters]\n"s1A.f0" = 0.05', ["'s1A.f0'", "{ value = 0.05 }"]),
+    "unknown setting": (RIG + '[parameters]\n"s1A.f0" = { vlaue = 1 }',
+                        ["'vlaue'", "closest: 'value'", "study.toml:4"]),
+    "unknown unit": (RIG + '[columns]\na = { variable = "motor1.phi", unit = "rda" }',
+                     ["'a'", "unit 'rda'", "closest: 'rad'"]),
+    "no unit": (RIG + '[columns]\na = { variable = "motor1.phi" }', ["'a'", "no unit"]),
+    "k_m without current": (RIG + '[columns]\na = { variable = "motor1.tau", unit = "N.m", k_m = 1 }',
+                            ["k_m", "'N.m'", "mA"]),
+    "k_m zero": (RIG + '[columns]\na = { variable = "motor1.tau", unit = "A", k_m = 0 }', ["k_m = 0"]),
+    "two columns for one variable": (
+        RIG + '[columns]\na = { variable = "motor1.phi", unit = "rad" }\nb = { variable = "motor1.phi", unit = "deg" }',
+        ["'b'", "'motor1.phi'", "column 'a'"]),
+    "time as a signal": (RIG + '[columns]\ntime = { variable = "motor1.phi", unit = "rad" }',
+                         ["'time'", "time_column"]),
+    "label as a signal": (RIG + '[columns]\nmanoeuvre = { variable = "q_H", unit = "rad" }', ["label column"]),
+    "held out and fitted": (RIG + '[data]\nruns = ["a.csv"]\nheld_out = ["./a.csv"]',
+                            ["a.csv", "runs and in held_out"]),
+    "twice": (RIG + '[data]\nruns = ["a.csv", "a.csv"]', ["a.csv", "listed twice"]),
+    "no match": (RIG + '[data]\nruns = ["*.nothing"]', ["no file matches '*.nothing'"]),
+    "unknown reference": (RIG + '[data]\nreference = "sensr"',
+                          ["reference = 'sensr'", "sensor, gravity_model, unknown"]),
+    "unknown drop_outs": (RIG + '[data]\ndrop_outs = "fill"', ["drop_outs = 'fill'", "refuse, skip"]),
+    "unknown reader": (RIG + '[data]\nreader = "xls"', ["reader = 'xls'", "bam, epos"]),
+    "w_min not positive": (RIG + "[data]\nw_min = 0.0", ["w_min = 0", "above zero"]),
+    "seed twice": ("seed = 1\n" + RIG + "[data]\nseed = 2", ["seed is given twice"]),
+    "effect twice": (RIG + 2 * '[[effects]]\neffect = "viscous"\nplace = "1A"\n',
+                     ["no. 2", "'viscous' at '1A'", "twice"]),
+    "effect without place": (RIG + '[[effects]]\neffect = "viscous"\n', ["no. 1", "place is missing"]),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_study_is_refused_with_place_and_remedy(study, case):
+    text, words = BROKEN[case]
+    with pytest.raises(StudyError) as caught:
+        study(text)
+    assert "study.toml" in str(caught.value) and "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("text, words", [
+    ("{ value = 2.0, max = 1.0 }", ["value 2", "-inf to 1"]),
+    ("{ min = 2.0, max = 1.0 }", ["min 2 is above max 1"]),
+])
+def test_a_value_outside_its_own_bounds_is_refused(study, text, words):
+    with pytest.raises(BoundsError) as caught:
+        study(RIG + f'[parameters]\n"s1A.f0" = {text}')
+    assert all(w in str(caught.value) for w in ["'s1A.f0'", "study.toml:4", *words])
+
+
+def test_a_missing_study_names_the_nearest_file(tmp_path):
+    (tmp_path / "study.toml").write_text(RIG)
+    with pytest.raises(StudyError, match=r"no study .*stduy.toml; closest: 'study.toml'"):
+        load_study(tmp_path / "stduy.toml")
+    with pytest.raises(StudyError, match="cannot be read as a study"):
+        load_study(tmp_path)
+
+
+def test_a_study_that_fits_its_rig_passes(study, library):
+    assert study(FULL).validate(library).attached[0][1].name == "1A+2A"
+
+
+COLUMN = RIG + '[columns]\na = {{ variable = "{}", unit = "{}" }}'
+UNFIT = {
+    "rig": ('[rig]\nmodel = "DriveTrain.Rigs.HipKne"', UnknownNameError, ["'DriveTrain.Rigs.HipKne'", "HipKnee'"]),
+    "parameter": (RIG + '[parameters]\n"s1A.fo" = { value = 1.0 }', UnknownNameError,
+                  ["no parameter 's1A.fo' in DriveTrain.Rigs.HipKnee", "closest: 's1A.f0'"]),
+    "bounds": (RIG + '[parameters]\n"s1A.f0" = { value = 2.0 }', BoundsError,
+               ["value 2 N.m", "'s1A.f0'", "0 to 1 N.m"]),
+    "min below": (RIG + '[parameters]\n"s1A.f0" = { min = -1.0 }', BoundsError, ["min -1 N.m", "'s1A.f0'"]),
+    "default": (RIG + '[parameters]\n"s1A.f0" = { min = 0.5 }', BoundsError, ["default 0.05 N.m", "0.5"]),
+    "effect": (RIG + '[[effects]]\neffect = "viscos"\nplace = "1A"', UnknownNameError,
+               ["'viscos'", "closest: 'viscous'"]),
+    "place": (RIG + '[[effects]]\neffect = "viscous"\nplace = "1a"', UnknownNameError, ["'1a'", "closest: '1A'"]),
+    "variable": (COLUMN.format("motor1.pih", "rad"), UnknownNameError,
+                 ["column 'a'", "'motor1.pih'", "closest: 'motor1.phi'"]),
+    "dimension": (COLUMN.format("motor1.tau", "rad"), UnknownNameError, ["column 'a'", "unit 'rad'", "N.m"]),
+    "k_m on an angle": (RIG + '[columns]\na = { variable = "motor1.phi", unit = "A", k_m = 1 }', StudyError,
+                        ["'a'", "k_m"]),
+}
+
+
+@pytest.mark.parametrize("case", UNFIT)
+def test_a_study_that_does_not_fit_its_rig_is_refused(study, library, case):
+    text, kind, words = UNFIT[case]
+    with pytest.raises(kind) as caught:
+        study(text).validate(library)
+    assert all(w in str(caught.value) for w in ["study.toml", *words])
+
+
+def test_the_temperature_may_be_logged_for_any_rig(study, library):
+    study(COLUMN.format("temperature", "degC")).validate(library)
+
+
+def test_a_column_called_time_may_give_the_unit_of_time(study):
+    assert study(RIG + '[columns]\ntime = { variable = "time", unit = "ms" }').columns["time"].si(500.0) == 0.5
+
+
+def test_paths_start_at_the_study_not_at_the_working_folder(study, tmp_path, monkeypatch):
+    monkeypatch.chdir(Path("/"))
+    assert study(RIG + '[data]\nruns = ["../x.csv"]').runs == [tmp_path.parent / "x.csv"]
