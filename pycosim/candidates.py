@@ -190,7 +190,7 @@ class Table:
 
     def port_signals(self, effect, component, take=None):
         """Signals that an effect reads at a component, at all samples or at those of a term."""
-        found = {"time": self.dataset.time}
+        found = {"time": None if self.dataset.averaged else self.dataset.time}
         for member, source in (("w", "w"), ("L", "L"), ("s", "s")):
             found[f"friction.{member}"] = self.full.get(f"{component}.{source}")
         found["friction.f0"] = self.fit.parameters.get(f"{component}.f0", 0.0)
@@ -205,7 +205,7 @@ class Table:
     # ---- which candidates
 
     def _catalogue(self):
-        self.offers, self.scans = [], []
+        self.offers, self.scans, self.unavailable = [], [], []
         attached = {(e.id, p.name) for e, p in self.model.attached}
         touched = {(e.id, c) for e, p in self.model.attached for c in p.components}
         for effect in catalogue(self.library).values():
@@ -214,7 +214,9 @@ class Table:
                     continue
                 if effect.replaces and any(f"{c}.{effect.replaces}" in self.fit.free for c in place.components):
                     continue
-                if self._in_base(effect, place):
+                missing = self._missing(effect, place)
+                if missing:
+                    self.unavailable.append((effect, place, missing))
                     continue
                 if "cycles" in effect.scan.values():
                     if len(place.components) == 1:
@@ -222,10 +224,10 @@ class Table:
                 else:
                     self.offers.append((effect, place))
 
-    def _in_base(self, effect, place):
-        """Whether the rig itself already holds this effect at this place."""
-        base = {n.split(".")[0] for n in self.dataset.base.parameters}
-        return all(f"{effect.id}_{c}" in base for c in place.components)
+    def _missing(self, effect, place):
+        """Signals that the effect reads and that the log does not give."""
+        needed = effect_question(self.library, effect).inputs
+        return [n for c in place.components for n, v in self.port_signals(effect, c).items() if n in needed and v is None]
 
     def scan_values(self, component):
         """Grids for coefficients that vanish with their effect, from what the data cover."""

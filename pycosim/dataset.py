@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 
 from . import segmentation
-from .compile import ArrayFunction, compile_model
+from .compile import ArrayFunction, compile_model, component_name
 from .errors import DataError
 from .measurements import default_window, derivatives, load, require, resolution
 from .noise import contiguous
@@ -89,14 +91,14 @@ class Dataset:
         self.signals["time"] = self.time
         for name in [n for n in self.question.inputs if n.startswith("der(") and n.count("(") == 1]:
             angle = name[4:-1]
-            first, second = np.empty(len(self.time)), np.empty(len(self.time))
+            first, second = np.zeros(len(self.time)), np.zeros(len(self.time))
             for k in range(len(self.logs)):
                 part = self.run == k
                 t, a = self.time[part], self.measured[angle][part]
                 if len(t) > 1:
                     first[part], second[part] = derivatives(t, a, default_window(t, resolution(a)))
-            speed = angle.rsplit(".", 1)[0] + ".w"
-            self.signals[name] = self.measured.get(speed, first)
+            speed = angle.removesuffix(".phi") + ".w"
+            self.signals[name] = self.measured.get(speed, first) if angle.endswith(".phi") else first
             self.signals[f"der({name})"] = second
         for name in self.question.inputs:
             if name in self.measured:
@@ -158,12 +160,54 @@ class Dataset:
                 self._exogenous[name] = self._predict(self.signals[name])
         return self._exogenous
 
+    def weights(self):
+        """Weight of each channel in a fit: one over its noise, the same for every model of this data set."""
+        if not hasattr(self, "_weights"):
+            parameters = {n: v.value for n, v in self.variables(self.base).items()}
+            level = np.median(self.noise_level(self.base, parameters), axis=1)
+            self._weights = np.exp(np.mean(np.log(level))) / level
+        return self._weights
+
+    def noise_level(self, model, parameters, part="fit"):
+        """Noise that each sample of each channel should show, from the scatter of the signals and the model's response.
+
+        A model that responds less to a noisy torque leaves less noise in its residual without being a better model;
+        rivals are compared after dividing by this level.
+
+        Returns
+        -------
+        ndarray, shape (channels, n)
+        """
+        question = model.question("estimate", self.form).select(self.outputs)
+        u, x, p = question.symbols()
+        y = question.output(u, x, p)
+        noisy = [k for k in self.known if k in self.signals and k in question.inputs and not k.endswith((".phi", ".w"))]
+        view = self.view(part)
+        total = np.zeros((len(self.outputs), len(self._picks(view)[0][1])))
+        signals, (states, _) = self.exogenous(), self.states(model, parameters)
+        for name in noisy:
+            slope = ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(ca.jacobian(
+                y, u[question.inputs.index(name)]))]))
+            arguments = ([signals.get(n, 0.0) for n in question.inputs] + list(states)
+                         + [float(parameters[n]) for n in question.parameters])
+            response = slope(arguments, len(self.time)) * self._scatter(self.signals[name])
+            total += sum(take(response ** 2) * weight ** 2 for weight, _, take in self._picks(view))
+        own = [0.0 if self.paired else self._scatter(self.reference(c)) ** 2 for c in self.outputs]
+        total += np.array(own)[:, None]
+        return np.sqrt(np.where(total > 0, total, 1.0))
+
+    def _scatter(self, values):
+        """Standard deviation of what changes from sample to sample, within passes."""
+        third = np.diff(values, 3)
+        inside = (self.passes[3:] >= 0) & (self.passes[3:] == self.passes[:-3])
+        return float(1.4826 * np.median(np.abs(third[inside])) / np.sqrt(20)) if inside.any() else 0.0
+
     def _predict(self, values):
         span = np.maximum(np.ptp(self.config, axis=1, keepdims=True), 1e-9)
         x = 2 * (self.config - self.config.min(1, keepdims=True)) / span - 1
         rates = [v for n, v in self.signals.items() if n.startswith("der(") and np.ptp(v) > 0]
-        features = [np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(range(5), repeat=len(x))
-                    if sum(e) <= 4] + [r / np.std(r) for r in rates]
+        features = [np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(range(4), repeat=len(x))
+                    if sum(e) <= 3] + [r / np.std(r) for r in rates]
         features = np.array(features)
         code = (np.sign(self.speeds) > 0).T @ (1 << np.arange(len(self.speeds)))
         predicted = values.copy()
@@ -299,7 +343,6 @@ class Dataset:
 
     def variables(self, model):
         """Parameters of a model, with the bounds and values of the study."""
-        from dataclasses import replace
         found = dict(model.parameters)
         for name, setting in self.study.parameters.items():
             if name in found:
@@ -307,6 +350,12 @@ class Dataset:
                 found[name] = replace(v, value=v.value if setting.value is None else setting.value,
                                       min=v.min if setting.min is None else setting.min,
                                       max=v.max if setting.max is None else setting.max)
+        for effect, place in model.attached:  # fewer than one cycle over the travel would be an offset, not a ripple
+            for coefficient in [c for c, kind in effect.scan.items() if kind == "cycles"]:
+                name = f"{component_name(effect, place)}.{coefficient}"
+                angle = self.signals.get(f"{place.components[0]}.phi")
+                if angle is not None and np.ptp(angle) > 0:
+                    found[name] = replace(found[name], min=max(found[name].min, 2 * np.pi / np.ptp(angle)))
         return found
 
     def values(self, model):

@@ -75,12 +75,13 @@ def explanations(dataset, model, fit, problem_index):
     column = {c.variable: n for n, c in study.columns.items()}
     found = {}
     for variable, values in dataset.measured.items():
-        found[column.get(variable, variable)] = values
-    found["time"] = dataset.time
-    found["time_since_reversal"] = time_since_reversal(dataset)
+        found[column.get(variable, variable)] = dataset.exogenous().get(variable, values)
+    if not dataset.averaged:
+        found["time"] = dataset.time
+        found["time_since_reversal"] = time_since_reversal(dataset)
     segments = model.segments
     signals = dataset.segment_signals(model, fit.parameters,
-                                      [f"{c}.{v}" for c in segments for v in ("w", "L")])
+                                      [f"{c}.{v}" for c in segments for v in ("w", "L")], None, dataset.exogenous())
     for component, place in segments.items():
         if f"{component}.w" in signals:
             found[f"speed@{place}"] = signals[f"{component}.w"]
@@ -122,14 +123,14 @@ def dependence(dataset, model, fit, seed=0):
     probes = compile_model(dataset.library, model.rig, [(e.id, p.name) for e, p in model.attached], True)
     names = [n for n in probes.parameters if n.startswith("probe_") and n.rsplit(".", 1)[1] in ("dF", "dtau")]
     parameters = {**{n: v.value for n, v in probes.parameters.items()}, **fit.parameters}
-    problem = dataset.residuals(probes, [*fit.free, *names], parameters, "fit")
+    problem = dataset.residuals(probes, [*fit.free, *names], parameters, "fit", dataset.exogenous())
+    residual = dataset.residuals(model, fit.free, fit.parameters, "fit").residual(fit.values)
     view = dataset.view("fit")
     index = view.i if dataset.paired else view
     thin = max(1, problem.n // 100000)
-    problem, index = problem.thin(thin), index[::thin]
-    parts = [(r.copy(), j[:, len(fit.free):]) for _, r, j in problem.blocks([*fit.values, *np.zeros(len(names))])]
-    residual = np.concatenate([r for r, _ in parts], axis=1)
-    slope = np.concatenate([j for _, j in parts], axis=2)
+    problem, index, residual = problem.thin(thin), index[::thin], residual[:, ::thin]
+    x = [*fit.values, *np.zeros(len(names))]
+    slope = np.concatenate([j[:, len(fit.free):] for _, _, j in problem.blocks(x)], axis=2)
     plain = np.zeros((len(residual), len(residual), problem.n))
     plain[np.arange(len(residual)), np.arange(len(residual))] = 1.0
     drives = np.concatenate([slope, plain.transpose(1, 0, 2).transpose(1, 0, 2)], axis=1)

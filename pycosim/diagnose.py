@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import special, stats
-from scipy.optimize import lsq_linear
 
 from . import identify
 from .candidates import CYCLES, Candidate, Column, Contribution, Table
-from .compile import compile_model, component_name
+from .compile import catalogue, compile_model, component_name
 from .errors import PycosimError
+from .identify import bounded
 from .noise import contiguous, fit_noise
 
 LEVEL = 0.01
@@ -279,20 +279,6 @@ class Scores:
         return (1 + above) / (1 + len(self.largest))
 
 
-def bounded(a, b, low, high):
-    """Maximise ``2 b'x - x'a x`` within bounds; returns the value and x."""
-    scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
-    s = a / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(s)
-    keep = values > 1e-10
-    root = np.sqrt(np.where(keep, values, 0))[:, None] * vectors.T
-    right = np.where(keep, vectors.T @ (b / scale) / np.sqrt(np.where(keep, values, 1)), 0)
-    x = vectors[:, keep] @ (right[keep] / np.sqrt(values[keep])) / scale
-    if np.any(x < low) or np.any(x > high):
-        x = lsq_linear(root, right, (low * scale, np.maximum(high, low + 1e-12) * scale), method="bvls").x / scale
-    return float(2 * b @ x - x @ a @ x), x
-
-
 def _pair_statistic(s, c, sine, cosine):
     """Quadratic form of a sine and cosine sum with the covariance of their stretches."""
     vs, vc, vx = (sine ** 2).sum(0), (cosine ** 2).sum(0), (sine * cosine).sum(0)
@@ -337,13 +323,16 @@ class Selection:
         Weighted sum of squares a block.
     white : ndarray, shape (blocks,)
         The same of the whitened residual: sharper between rivals.
+    usual : ndarray, shape (channels, 1)
+        Noise level at which models are compared.
     """
 
     raw: np.ndarray
     white: np.ndarray
+    usual: np.ndarray
 
 
-def select(dataset, model, fit, noise):
+def select(dataset, model, fit, noise, usual=None):
     """Cross-validate a fitted model over the selection folds, linearised at its optimum.
 
     Parameters
@@ -353,6 +342,8 @@ def select(dataset, model, fit, noise):
     fit : Fit
     noise : list of Noise
         One a channel.
+    usual : ndarray, shape (channels, 1), optional
+        Noise level that rivals are compared at: that of the model without either of them.
 
     Returns
     -------
@@ -360,10 +351,13 @@ def select(dataset, model, fit, noise):
     """
     problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
     thin = max(1, int(problem.n * (len(fit.free) + 1) * len(noise) * 8 / 200e6))
-    problem = problem.thin(thin) if thin > 1 else problem
-    parts = [(r.copy(), j) for _, r, j in problem.blocks(fit.values)]
-    residual = np.concatenate([r for r, _ in parts], axis=1)
-    slope = np.concatenate([j for _, j in parts], axis=2)
+    sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
+    level = dataset.noise_level(model, fit.parameters)[:, ::thin]
+    usual = np.median(level, axis=1, keepdims=True) if usual is None else usual
+    if thin > 1:
+        problem, sloped = problem.thin(thin), sloped.thin(thin)
+    residual = problem.residual(fit.values) * usual / level
+    slope = np.concatenate([j for _, _, j in sloped.blocks(fit.values)], axis=2) * (usual / level)[:, None, :]
     blocks, index = np.unique(problem.block, return_inverse=True)
     size = len(fit.free) + 1
     raw, white = np.zeros((len(blocks), size, size)), np.zeros((len(blocks), size, size))
@@ -377,7 +371,7 @@ def select(dataset, model, fit, noise):
     low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
     high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
     fold = dataset.fold[blocks]
-    return Selection(*(_cross_validate(g, fold, low, high) for g in (raw, white)))
+    return Selection(*(_cross_validate(g, fold, low, high) for g in (raw, white)), usual)
 
 
 def _cross_validate(gram, fold, low, high):
@@ -453,8 +447,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     findings = _findings(table, scores)
     say("refitting the most likely")
     base = select(dataset, model, fit, scores.noise)
-    rivals = _refit_best(dataset, model, fit, scores, findings)
-    _decide(findings, rivals, base, dataset)
+    rivals = _refit_best(dataset, model, fit, scores, findings, base.usual)
+    _decide(findings, rivals, base, {e.id: e.refines for e in catalogue(dataset.library).values()})
     say("looking at what is left")
     depends, alarm = dependence(dataset, model, fit, seed)
     hidden = undetectable(table, scores)
@@ -514,7 +508,7 @@ def _predicted(table, scores, candidate, coefficients):
     return {channel: float(np.sqrt(np.mean((r - x @ rows) ** 2))) for channel, (r, rows) in predicted.items()}
 
 
-def _refit_best(dataset, model, fit, scores, findings):
+def _refit_best(dataset, model, fit, scores, findings, usual):
     """Fit the model with each of the best candidates; fills the findings and returns those that were fitted."""
     attached = [(e.id, p.name) for e, p in model.attached]
     fitted = []
@@ -525,7 +519,7 @@ def _refit_best(dataset, model, fit, scores, findings):
             finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding))
         except PycosimError:
             continue
-        finding.selection = select(dataset, larger, finding.fit, scores.noise)
+        finding.selection = select(dataset, larger, finding.fit, scores.noise, usual)
         base = component_name(*larger.attached[-1])
         finding.coefficients = {n.split(".", 1)[1]: {
             "value": finding.fit.parameters[n], "ci95": finding.fit.interval(n), "unit": larger.parameters[n].unit}
@@ -545,7 +539,7 @@ def _nudged(start, model, finding):
     return start
 
 
-def _decide(findings, rivals, base, dataset):
+def _decide(findings, rivals, base, refines):
     """Order the refitted candidates, accept the first if it earns it, and name its twins."""
     if not rivals:
         return
@@ -553,22 +547,33 @@ def _decide(findings, rivals, base, dataset):
     rivals.sort(key=lambda f: f.selection.white.sum() + 2 * parameters[f.key])
     rest = [f for f in findings if f not in rivals]
     findings[:] = [*rivals, *rest]
-    for best in rivals:
-        fall, spread = difference(base.raw, best.selection.raw)
-        if best.p_value < LEVEL and fall > spread:
-            best.accepted = True
-            break
-    else:
+    earned = [f for f in rivals if f.p_value < LEVEL and _earns(base, f)]
+    if not earned:
         return
-    if best is not findings[0]:
-        findings.remove(best)
-        findings.insert(0, best)
-    for other in rivals:
-        if other is not best:
-            gap, spread = difference(other.selection.white, best.selection.white)
-            if gap <= spread or gap < 2.0:
-                best.twins.append({"effect": other.effect, "place": other.place})
-                other.twins.append({"effect": best.effect, "place": best.place})
+    best = earned[0]
+    twins = [f for f in rivals if f is not best and _twins(f, best)]
+    plain = next((f for f in twins if f in earned and f.effect == refines.get(best.effect)), None)
+    if plain is not None:  # a correction of an effect is not claimed where the effect itself does as well
+        twins = [best, *[t for t in twins if t is not plain]]
+        best = plain
+    best.accepted = True
+    findings.remove(best)
+    findings.insert(0, best)
+    for other in twins:
+        best.twins.append({"effect": other.effect, "place": other.place})
+        other.twins.append({"effect": best.effect, "place": best.place})
+
+
+def _earns(base, finding):
+    """Whether the error on unseen folds falls by more than its own standard error."""
+    fall, spread = difference(base.raw, finding.selection.raw)
+    return fall > spread
+
+
+def _twins(other, best):
+    """Whether unseen folds cannot tell two refitted candidates apart."""
+    gap, spread = difference(other.selection.white, best.selection.white)
+    return gap <= spread or gap < 2.0
 
 
 def _verdict(findings, alarm, hidden, dataset):
@@ -576,6 +581,7 @@ def _verdict(findings, alarm, hidden, dataset):
         return "missing_effect"
     if alarm or any(f.p_value < LEVEL for f in findings):
         return "unexplained"
-    if len(hidden) >= len(findings) or len(np.flatnonzero(~dataset.is_test)) < 2:
+    unseen = {(h["effect"], h["place"]) for h in hidden}
+    if all(f.key in unseen for f in findings) or np.count_nonzero(~dataset.is_test) < 2:
         return "not_enough_excitation"
     return "nothing_missing"

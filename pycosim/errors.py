@@ -27,6 +27,10 @@ class BoundsError(PycosimError):
     """A value outside the bounds of its parameter."""
 
 
+class NoAnswerError(PycosimError):
+    """The model has no finite answer for these parameters and data."""
+
+
 def closest(name, known):
     """Return a clause that names the nearest known names.
 

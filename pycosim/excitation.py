@@ -31,6 +31,10 @@ def undetectable(table, scores):
             notes = annotation(table.library, effect.model)
             found.append({"effect": effect.id, "place": place.name, "why": why(table, notes.get("needs", "")),
                           "experiment": notes.get("experiment", "vary speed, load, direction and configuration")})
+    for effect, place, missing in table.unavailable:
+        notes = annotation(table.library, effect.model)
+        found.append({"effect": effect.id, "place": place.name, "why": f"not in the log: {', '.join(dict.fromkeys(missing))}",
+                      "experiment": notes.get("experiment", f"log {', '.join(dict.fromkeys(missing))}")})
     return found
 
 

@@ -11,8 +11,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
+from .errors import NoAnswerError
+from .moments import Moments
 from .noise import contiguous, fit_noise
 
 NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
@@ -97,6 +99,7 @@ class Fit:
             high = v.min + half
         if low > v.max:
             low = v.max - half
+        low, high = min(low, self.values[k]), max(high, self.values[k])
         return [float(max(low, v.min)), float(min(high, v.max))]
 
     def _range_by_bounds(self, k):
@@ -141,14 +144,66 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False):
     parameters = {**{n: v.value for n, v in variables.items()}, **dataset.values(model), **(start or {})}
     free = dataset.free(model) if free is None else list(free)
     problem = dataset.residuals(model, free, parameters, part)
-    weights = np.ones(len(problem.channels)) if len(problem.channels) == 1 else None
+    weights = dataset.weights()
     x = np.array([_inside(parameters[n], variables[n]) for n in free])
     thin = max(1, problem.n // 4000)
+    tidy = dataset.residuals(model, free, parameters, part, dataset.exogenous())
+    segments = list(model.segments)
     if thin > 1:
-        coarse = problem.thin(thin)
-        x, weights = _solve(coarse, x, free, variables, weights, 60, robust)
-    x, weights = _solve(problem, x, free, variables, weights, 60 if thin == 1 else 15, robust)
-    return _result(dataset, problem, x, free, variables, weights)
+        x, _ = _refine(problem.thin(thin), tidy.thin(thin), x, free, variables, weights, segments, robust)
+    x, moments = _refine(problem, tidy, x, free, variables, weights, segments, robust)
+    slope = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2) if moments is None else moments.slope(x)
+    return _result(problem, slope, x, free, variables, weights)
+
+
+def _refine(problem, tidy, x, free, variables, weights, segments, robust):
+    """Least squares, then steps whose derivatives hold no noise of the measured torques.
+
+    Returns the parameters, and the moments where the model is piecewise affine.
+    """
+    scale = np.array([variables[n].nominal for n in free])
+    for _ in range(5):
+        moments = None if robust else Moments.of(problem, x, segments, tidy)
+        if moments is None:
+            x = _solve(lambda z: problem.gram(z, weights, robust), x, free, variables, 60)
+            return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights), x, free, variables, 4), None
+        before = x
+        x = _solve(lambda z: moments.gram(z, weights), x, free, variables, 60)
+        x = _instrumented(lambda z: moments.gram(z, weights, True), x, free, variables, 8)
+        if np.all(np.abs(x - before) < 0.05 * scale):  # the signs of the loads are those that the moments stand for
+            break
+    return x, moments
+
+
+def _cross_gram(problem, tidy, x, weights):
+    """Moments of noise-free derivatives and the measured residual."""
+    residual = problem.residual(x)
+    total = np.zeros((len(x) + 1, len(x) + 1))
+    for part, _, slope in tidy.blocks(x):
+        for c, weight in enumerate(weights):
+            rows = np.concatenate([slope[c], residual[c][None, part]]) * weight
+            total += rows @ rows.T
+    return total
+
+
+def _instrumented(gram, x, free, variables, steps):
+    """Bounded Gauss-Newton steps to where the instruments find nothing left in the residual."""
+    scale = np.array([variables[n].nominal for n in free])
+    low, high = (np.array([getattr(variables[n], b) for n in free]) for b in ("min", "max"))
+    margin = 1e-6 * scale
+    for _ in range(steps if len(free) else 0):
+        g = gram(x)
+        if not np.isfinite(g).all():
+            break
+        _, step = bounded(g[:-1, :-1], g[:-1, -1], low + margin - x, high - margin - x)
+        x = np.clip(x + np.clip(step, -scale, scale), low + margin, high - margin)
+        if np.all(np.abs(step) < 1e-5 * scale):
+            break
+    return x
+
+
+def _listed(names, values):
+    return ", ".join(f"{n} = {v:.4g}" for n, v in zip(names, values))
 
 
 def _inside(value, variable):
@@ -157,20 +212,10 @@ def _inside(value, variable):
     return min(max(value, variable.min + margin), variable.max - margin)
 
 
-def channel_weights(problem, x):
-    """One over the rough noise of each channel, from differences of neighbouring residuals; blind to what is smooth."""
-    residual = problem.residual(x)
-    spread = np.array([np.std(np.diff(r)) for r in residual]) + 1e-12
-    level = np.array([np.sqrt(np.mean(r ** 2)) for r in residual]) + 1e-12
-    spread = np.maximum(spread / math.sqrt(2), 0.05 * level)
-    return np.exp(np.mean(np.log(spread))) / spread
-
-
-def _solve(problem, x, free, variables, weights, evaluations, robust):
+def _solve(gram, x, free, variables, evaluations):
+    """Bounded least squares from the moments [J r]'[J r] alone."""
     if not free:
-        return x, np.ones(len(problem.channels)) if weights is None else weights
-    if weights is None:
-        weights = channel_weights(problem, x)
+        return x
     lower = np.array([variables[n].min for n in free])
     upper = np.array([variables[n].max for n in free])
     scale = np.array([variables[n].nominal for n in free])
@@ -180,8 +225,12 @@ def _solve(problem, x, free, variables, weights, evaluations, robust):
         key = z.tobytes()
         if key not in rows:
             rows.clear()
-            gram = problem.gram(z, weights, robust)
-            values, vectors = np.linalg.eigh(gram)
+            g = gram(z)
+            if not np.isfinite(g).all():  # no answer there: a step that the solver takes back
+                if z.tobytes() == x.tobytes():
+                    raise NoAnswerError(f"the model has no finite answer at the start, {_listed(free, x)}; start elsewhere")
+                g = np.diag([*np.zeros(len(free)), 1e300])
+            values, vectors = np.linalg.eigh(g)
             rows[key] = np.sqrt(np.maximum(values, 0))[:, None] * vectors.T
         return rows[key]
 
@@ -189,19 +238,44 @@ def _solve(problem, x, free, variables, weights, evaluations, robust):
         lambda z: -root(z)[:, -1], x, jac=lambda z: root(z)[:, :-1], bounds=(lower, upper), x_scale=scale,
         xtol=1e-9, ftol=1e-10, gtol=1e-12, max_nfev=evaluations)
     margin = 1e-6 * scale
-    return np.clip(solution.x, lower + margin, upper - margin), weights
+    return np.clip(solution.x, lower + margin, upper - margin)
 
 
-def _result(dataset, problem, x, free, variables, weights):
+def bounded(a, b, low, high):
+    """Maximise ``2 b'x - x'a x`` within bounds.
+
+    Parameters
+    ----------
+    a : ndarray, shape (p, p)
+        Positive semidefinite.
+    b, low, high : ndarray, shape (p,)
+
+    Returns
+    -------
+    value : float
+    x : ndarray, shape (p,)
+    """
+    scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
+    s = a / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(s)
+    keep = values > NULL
+    root = np.sqrt(np.where(keep, values, 0))[:, None] * vectors.T
+    right = np.where(keep, vectors.T @ (b / scale) / np.sqrt(np.where(keep, values, 1)), 0)
+    x = vectors[:, keep] @ (right[keep] / np.sqrt(values[keep])) / scale
+    if np.any(x < low) or np.any(x > high):
+        x = lsq_linear(root, right, (low * scale, np.maximum(high, low + 1e-12) * scale), method="bvls").x / scale
+    return float(2 * b @ x - x @ a @ x), x
+
+
+def _result(problem, slope, x, free, variables, weights):
     """Covariance, null directions and noise at the solution."""
-    blocks = [(r, j) for _, r, j in problem.blocks(x)]
-    residual = np.concatenate([r for r, _ in blocks], axis=1)
-    slope = np.concatenate([j for _, j in blocks], axis=2)
+    residual = problem.residual(x)
     pieces = contiguous(problem.time, problem.group)
-    noise = [fit_noise([r[s] for s in pieces]) for r in residual]
     normal = sum(w ** 2 * j @ j.T for w, j in zip(weights, slope))
     gradient = sum(w ** 2 * j @ r for w, j, r in zip(weights, slope, residual))
     inverse, null = invert(normal)
+    noise = [fit_noise([r[s] for s in pieces], [w * _root(inverse) @ j[:, s] for s in pieces])
+             for w, r, j in zip(weights, residual, slope)]
     meat = np.zeros_like(normal)
     for w, j, r_noise in zip(weights, slope, noise):
         for s in pieces:
@@ -215,6 +289,15 @@ def _result(dataset, problem, x, free, variables, weights):
                  x + inverse @ gradient, covariance, null, dof, noise, problem.channels, weights)
     fitted.error = {c: float(np.sqrt(np.mean(r ** 2))) for c, r in zip(problem.channels, residual)}
     return fitted
+
+
+def _root(inverse):
+    """Square root of an inverse normal matrix: takes derivatives to an orthonormal basis of what they fit."""
+    if len(inverse) == 0:
+        return inverse
+    scale = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+    values, vectors = np.linalg.eigh(inverse / np.outer(scale, scale))
+    return np.sqrt(np.maximum(values, 0))[:, None] * (vectors.T * scale)
 
 
 def invert(normal):

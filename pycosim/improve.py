@@ -102,7 +102,7 @@ def _prune(dataset, steps, noise):
         rest = [a for a in added if a != out]
         model = compile_model(dataset.library, rig, [*given, *rest])
         fit = identify.fit(dataset, model, steps[-1].fit.parameters)
-        rise, spread = difference(select(dataset, model, fit, noise).raw, full.raw)
+        rise, spread = difference(select(dataset, model, fit, noise, full.usual).raw, full.raw)
         if rise <= spread:
             return _ladder(dataset, steps[0], rig, given, rest)
     return steps

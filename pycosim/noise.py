@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 
@@ -41,62 +41,55 @@ class Noise:
         return self.sigma ** 2 * lfilter([1.0, -self.theta], [1.0, -self.phi], back, axis=-1)
 
 
-def autocovariance(pieces, lags):
-    """Autocovariance of contiguous pieces of a series, pooled.
-
-    Parameters
-    ----------
-    pieces : list of ndarray
-    lags : ndarray of int
-
-    Returns
-    -------
-    ndarray, shape (len(lags),)
-    """
-    total, count = np.zeros(len(lags)), np.zeros(len(lags))
-    for piece in pieces:
-        n = len(piece)
-        size = 1 << int(2 * n - 1).bit_length()
-        spectrum = np.abs(np.fft.rfft(piece, size)) ** 2
-        covariance = np.fft.irfft(spectrum, size)
-        fits = lags < n
-        total[fits] += covariance[lags[fits]]
-        count[fits] += n - lags[fits]
-    return total / np.maximum(count, 1)
-
-
-def fit_noise(pieces):
+def fit_noise(pieces, absorbed=None):
     """Estimate the noise of one channel from contiguous pieces of its residual.
 
+    Maximum likelihood in the frequency domain (Whittle), all pieces pooled: the periodogram of each frequency is
+    exponential about the spectrum of white noise plus an exponentially correlated part.
+
     Parameters
     ----------
     pieces : list of ndarray
+    absorbed : list of ndarray, shape (p, length), optional
+        The part of an orthonormal basis of the fitted parameters in each piece: what the fit took out of the noise,
+        mostly at low frequencies, is put back.
 
     Returns
     -------
     Noise
     """
-    longest = max((len(p) for p in pieces), default=1)
-    variance = autocovariance(pieces, np.array([0]))[0] if pieces else 1.0
-    if longest < 20 or variance <= 0:
+    step = max(1, sum(map(len, pieces)) // 60000)  # enough for three numbers
+    pieces, absorbed = pieces[::step], (absorbed or [np.zeros((0, len(p))) for p in pieces])[::step]
+    variance = np.mean(np.concatenate(pieces) ** 2) if pieces else 1.0
+    long = [(p, a) for p, a in zip(pieces, absorbed) if len(p) >= 20]
+    if not long or variance <= 0:
         sigma = float(np.sqrt(max(variance, 1e-300)))
         return Noise(sigma, 0.0, 0.0, 0.0, sigma)
-    top = min(longest // 2, 1000)
-    lags = np.unique(np.r_[np.arange(1, min(10, top + 1)), np.geomspace(1, top, 30).astype(int)])
-    rho = autocovariance(pieces, lags) / variance
-    weight = 1 / np.sqrt(1 + lags / 10)
+    power = np.concatenate([_periodogram(p) for p, _ in long]) / variance
+    power /= np.maximum(1 - np.concatenate([_periodogram(a).sum(0) for _, a in long]), 0.2)
+    cosine = np.cos(np.concatenate([2 * np.pi * np.arange(1, len(p) // 2 + 1) / len(p) for p, _ in long]))
 
     def misfit(x):
-        return weight * (x[0] * np.exp(-lags / np.exp(x[1])) - rho)
+        white, slow, phi = np.exp(x[0]), np.exp(x[1]), np.exp(-np.exp(-x[2]))
+        shape = (1 - phi ** 2) / (1 - 2 * phi * cosine + phi ** 2)
+        spectrum = white + slow * shape
+        return float(np.mean(np.log(spectrum) + power / spectrum))
 
-    starts = [(0.3, np.log(t)) for t in (3.0, 30.0, 200.0)]
-    bounds = [(0, np.log(0.5)), (0.999, np.log(5.0 * longest))]
-    best = min((least_squares(misfit, np.clip(s, *bounds), bounds=bounds) for s in starts), key=lambda r: r.cost)
-    share, phi = best.x[0], float(np.exp(-1 / np.exp(best.x[1])))
-    if share < 1e-3:
+    top = np.log(2.0 * max(len(p) for p, _ in long))
+    bounds = [(-12, 2), (-12, 4), (-1.0, top)]
+    starts = [(-0.3, -1.5, min(t, top)) for t in (2.0, 5.0)]
+    best = min((minimize(misfit, s, bounds=bounds, method="L-BFGS-B") for s in starts), key=lambda r: r.fun)
+    white, slow = variance * np.exp(best.x[:2])
+    plain = np.mean(power)
+    if best.fun > np.log(plain) + 1 - 3.0 / len(power):  # a slow part that explains nothing
         sigma = float(np.sqrt(variance))
         return Noise(sigma, 0.0, 0.0, 0.0, sigma)
-    return arma(np.sqrt((1 - share) * variance), np.sqrt(share * variance), phi)
+    return arma(np.sqrt(white), np.sqrt(slow), float(np.exp(-np.exp(-best.x[2]))))
+
+
+def _periodogram(values):
+    """Power at the positive frequencies, along the last axis, of a unitary transform."""
+    return np.abs(np.fft.rfft(values, axis=-1)[..., 1:]) ** 2 / values.shape[-1]
 
 
 def arma(white, slow, phi):

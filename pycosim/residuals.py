@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import casadi as ca
@@ -57,6 +58,15 @@ class Residuals:
         self._build()
 
     def _build(self):
+        """Functions of value and derivatives, compiled once a question and choice of free parameters."""
+        key = (tuple(self.channels), tuple(self.free), tuple(self.of_states))
+        made = self.question.__dict__.setdefault("_residual_functions", {})
+        if key not in made:
+            self._compile()
+            made[key] = (self.known, self.function, self.slots, self.state_slots, self.plain)
+        self.known, self.function, self.slots, self.state_slots, self.plain = made[key]
+
+    def _compile(self):
         q = self.selected
         u, x, p = q.symbols()
         y = q.output(u, x, p)
@@ -80,8 +90,16 @@ class Residuals:
         def terms(parameters, free):
             return [Term(t.weight, {n: _slice(v, slice(None, None, k)) for n, v in t.signals.items()},
                          t.states[:, ::k], t.sensitivities[:, :, ::k]) for t in self.terms(parameters, free)]
-        return Residuals(self.question, self.channels, self.measured[:, ::k], terms, self.free, self.parameters,
-                         self.time[::k], self.group[::k], self.block[::k])
+        fewer = copy.copy(self)  # shares the compiled functions
+        fewer.measured, fewer.terms = self.measured[:, ::k], terms
+        fewer.time, fewer.group, fewer.block = self.time[::k], self.group[::k], self.block[::k]
+        return fewer
+
+    def on(self, terms):
+        """The same problem on other signals."""
+        other = copy.copy(self)
+        other.terms = terms
+        return other
 
     def _arguments(self, term, parameters, where):
         q = self.selected

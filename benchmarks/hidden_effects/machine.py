@@ -355,10 +355,10 @@ class _Path:
     def six_passes(self, travel: float, speed: float, dwell: float) -> None:
         """A, B, C, D, E, F: three lines, each out and back."""
         for out, direction in _DIRECTIONS.items():
-            self.go(out, direction, travel, speed)
-            self.rest(dwell)
-            self.go(_RETURN[out], -np.array(direction), travel, speed)
-            self.rest(dwell)
+            passes = [(out, np.array(direction)), (_RETURN[out], -np.array(direction))]
+            for label, towards in passes if travel > 0 else passes[::-1]:
+                self.go(label, towards, abs(travel), speed)
+                self.rest(dwell)
 
     def transfer(self, theta: np.ndarray, speed: float, dwell: float) -> None:
         """Go to another start along the lines of A and of C, so that no segment ever stands still alone."""
@@ -387,7 +387,7 @@ def six_manoeuvres(speeds: Sequence[float] = (1.6,), repeats: int = 2, rate: flo
     start : sequence of (q_H, q_K)
         Where the lines begin [rad]; one pair or several. Transfers between them are labelled `transfer`.
     lines : sequence of float
-        Travel of the faster motor along a pass [rad].
+        Travel of the faster motor along a pass [rad]; negative lines are gone back and out: B then A, and so on.
     longest_pass : float
         Slow passes turn back after this time [s] rather than go the whole line.
     acceleration : float
@@ -414,7 +414,7 @@ def six_manoeuvres(speeds: Sequence[float] = (1.6,), repeats: int = 2, rate: flo
     path.rest(max(dwell, 0.5))
     for q, line, speed in blocks:
         path.transfer(RATIO * _M @ q, max(speeds), dwell)
-        path.six_passes(min(line, speed * longest_pass), speed, dwell)
+        path.six_passes(math.copysign(min(abs(line), speed * longest_pass), line), speed, dwell)
     return Trajectory(path.stretches, rate)
 
 

@@ -37,6 +37,8 @@ class Effect:
         Parameter of the place that makes the effect superfluous while it is free.
     system : bool
         Whether one set of coefficients may act on all places at once.
+    refines : str
+        Effect that this one is a correction of; where the data cannot tell the two apart, that one is meant.
     description : str
     """
 
@@ -48,6 +50,7 @@ class Effect:
     scan: dict = field(default_factory=dict)
     replaces: str = ""
     system: bool = False
+    refines: str = ""
     description: str = ""
 
 
@@ -97,6 +100,11 @@ def is_connector(library, name):
     return name not in ("Real", "Integer", "Boolean", "String") and library.find(name).type == "connector"
 
 
+def is_effect(library, name):
+    """Whether a class is an effect: it extends one of the library's effect interfaces."""
+    return any(re.fullmatch(r"DriveTrain\.Interfaces\.\w+Effect", b) for b, _ in library.bases(name))
+
+
 def catalogue(library):
     """All effects the library holds, by id: every model that extends an effect interface.
 
@@ -112,8 +120,7 @@ def _effects(library):
         node = library.find(name)
         if node.type != "model" or node.partial:
             continue
-        bases = [b for b, _ in library.bases(name)][1:]
-        if not any(re.fullmatch(r"DriveTrain\.Interfaces\.\w+Effect", b) for b in bases):
+        if not is_effect(library, name):
             continue
         members = _members(library, name)
         notes = annotation(library, name)
@@ -123,7 +130,7 @@ def _effects(library):
             {n: kind for n, (kind, _) in members.items() if is_connector(library, kind)},
             tuple(n for n, (kind, prefixes) in members.items() if "input" in prefixes),
             tuple(notes.get("size", "").split()), scan, notes.get("replaces", ""),
-            notes.get("place") == "system", (node.comment or "").strip('"'))
+            notes.get("place") == "system", notes.get("refines", ""), (node.comment or "").strip('"'))
         yield effect.id, effect
 
 
@@ -153,6 +160,8 @@ def places(library, rig, effect):
         if kind in ("Real", "Integer", "Boolean", "String") or is_connector(library, kind):
             continue
         have = _members(library, kind)
+        if is_effect(library, kind):  # part of the base model
+            continue
         if all(have.get(c, ("",))[0] == t for c, t in effect.connectors.items()):
             single.append(Place(names.get(component, component), (component,)))
     by_name = {p.name: p.components[0] for p in single}
@@ -160,7 +169,7 @@ def places(library, rig, effect):
               if all(m in by_name for m in g.split("+"))]
     if effect.system and len(single) > 1:
         joined.append(Place("system", tuple(p.components[0] for p in single)))
-    return single + joined
+    return [p for p in single + joined if component_name(effect, p) not in members]  # the base model has it there
 
 
 def find_effect(library, name):

@@ -101,6 +101,7 @@ class Model:
                 raise UnknownNameError(f"no effect '{effect}'{closest(effect, effects)}")
             self.attached.append((effects[effect], find_place(library, rig, effects[effect], place)))
         self.notes = annotation(library, rig)
+        self._questions = {}
         self.text = extend(rig, self.attached)
         if probes:
             self.text = _with_probes(self)
@@ -131,10 +132,11 @@ class Model:
 
     def components(self, connector):
         """Components of the rig that carry a connector of this name."""
-        from .effects import _members, is_connector
+        from .effects import _members, is_connector, is_effect
         found = []
         for component, (kind, _) in _members(self.library, self.rig).items():
-            if kind not in ("Real", "Integer", "Boolean") and not is_connector(self.library, kind):
+            if (kind not in ("Real", "Integer", "Boolean") and not is_connector(self.library, kind)
+                    and not is_effect(self.library, kind)):
                 if connector in _members(self.library, kind):
                     found.append(component)
         return found
@@ -164,6 +166,11 @@ class Model:
         -------
         Question
         """
+        if (name, form) not in self._questions:
+            self._questions[name, form] = self._question(name, form)
+        return self._questions[name, form]
+
+    def _question(self, name, form):
         wanted, known = self.alternatives(name)[form]
         key = cache.digest(self.key, name, " ".join([*wanted, "from", *known]))
         return cache.remember("question", key, lambda: self._compile(wanted, known), _dump, _load)

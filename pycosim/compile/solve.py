@@ -149,6 +149,27 @@ def _usable(system, coefficient):
     return abs(float(value(*[parameters[n].value for n in names]))) > 1e-12
 
 
+def _bent(flat):
+    """Unknowns that stand in an absolute value or a square, where the closed form of a segment's law expects them.
+
+    To put an expression in their place would move the bend away from zero.
+    """
+    found = set()
+    for equation in flat.equations:
+        inputs = ca.symvar(equation)
+        function, held = ca.Function("f", inputs, [equation]), {}
+        for k in range(function.n_instructions()):
+            op, out, arguments = (f(k) for f in (function.instruction_id, function.instruction_output,
+                                                 function.instruction_input))
+            if op == ca.OP_INPUT:
+                held[out[0]] = inputs[arguments[0]].name()
+            elif op != ca.OP_OUTPUT:
+                if op in (ca.OP_FABS, ca.OP_SQ, ca.OP_SIGN) and arguments[0] in held:
+                    found.add(held[arguments[0]])
+                held.pop(out[0], None)
+    return found
+
+
 def _candidates(system, equation, names, prefer, rates_too):
     """Unknowns that this equation can be solved for, best first, with coefficient."""
     rates = set(system.flat.derivatives.values())
@@ -157,7 +178,8 @@ def _candidates(system, equation, names, prefer, rates_too):
     if has_rate and not rates_too:
         return []
     found = []
-    for n in names:
+    barred = system.bent if names - system.bent else set()  # bent unknowns go by what defines them, or by an alias
+    for n in names - barred:
         if n in system.differentiated and (has_rate or plain or system.flat.derivatives[n] not in system.unknown):
             continue
         coefficient = ca.simplify(ca.jacobian(equation, system.symbols[n]))
@@ -287,6 +309,22 @@ def _constant_sign(sign):
     return seen.pop() if len(seen) == 1 else sign
 
 
+def _solves(residuals, x, result, parameters):
+    """Check a closed form by numbers: parameters near their defaults, all else of both signs."""
+    before = ca.vertcat(*residuals)
+    after = ca.substitute(before, ca.vertcat(*x), ca.vertcat(*result))
+    names = ca.symvar(ca.vertcat(after, before))
+    check = ca.Function("check", names, [ca.densify(after), ca.densify(before)])
+    rng = np.random.default_rng(2)
+    for _ in range(16):
+        point = [parameters[n.name()].value + 1e-3 * parameters[n.name()].nominal if n.name() in parameters
+                 else rng.uniform(-0.9, 0.9) for n in names]
+        error, size = (np.abs(np.array(v)).max() for v in check.call([ca.DM(v) for v in point]))
+        if np.isfinite(error) and error > 1e-6 * (1 + size):
+            return False
+    return True
+
+
 def _depends(expression, symbol):
     return symbol.name() in {s.name() for s in ca.symvar(expression)}
 
@@ -358,6 +396,7 @@ def solve(flat, known, keep=(), explicit=True):
     """
     flat.derivatives = dict(flat.derivatives)
     system = _System(flat, known, ())
+    system.bent = _bent(flat) - system.differentiated if explicit else set()
     _eliminate(system, set(keep))
     rates = {flat.derivatives[x] for x in system.differentiated}
     solution = Solution(system.symbols)
@@ -392,7 +431,7 @@ def _close(flat, system, solution):
         inner = [(n, ca.SX.sym(n)) for n, _ in done]
         # earlier blocks enter as symbols, so that an expression is computed once
         result = piecewise_linear(residuals, x)
-        if result is None:
+        if result is None or not _solves(residuals, x, result, flat.parameters):
             raise ModelicaError(
                 f"'{flat.name}': no closed form for {', '.join(names)}; an effect must be linear, absolute or "
                 "quadratic in the load")

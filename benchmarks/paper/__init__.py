@@ -1,0 +1,1 @@
+"""The paper: six manoeuvres, eight parameters, no ground truth."""

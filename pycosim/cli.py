@@ -1,0 +1,558 @@
+"""Command line in; one verb run, its results in a folder and in sentences, an exit code, out.
+
+Exit codes: 0 done; 2 bad input, one line on stderr; 1 a failure of pycosim's own; 130 interrupted.
+Nothing heavy is imported before the arguments are read, so that help and refusals are quick.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from pathlib import Path
+
+from . import __version__
+from .errors import PycosimError, StudyError, UnknownNameError, closest
+
+# verb: (what it does, main file, example, more)
+VERBS = {
+    "demo": ("the whole story on data with a hidden effect, offline", "ladder.json", "pycosim demo",
+             "Makes a log of a machine with an effect that its model lacks, and finds it."),
+    "new": ("a commented study to start from", None, "pycosim new HipKnee --data run1.csv",
+            "Writes <rig>.toml: the rig's parameters, the columns a log needs, and the effects that can be added."),
+    "compare": ("model against measurements: errors, and where they are", "comparison.json",
+                "pycosim compare study.toml",
+                "Free parameters are fitted first; the error with the study's own values is told as well."),
+    "identify": ("parameters, intervals, what the data cannot tell", "parameters.json",
+                 "pycosim identify study.toml --data run1.csv run2.csv", ""),
+    "diagnose": ("which effect is missing, where, how sure; or nothing; or nothing known", "diagnosis.json",
+                 "pycosim diagnose study.toml --out monday", ""),
+    "add": ("refit with one more effect", "parameters.json", "pycosim add study.toml stribeck@2A",
+            "Without a place, every place is tried and the best by cross-validation is taken."),
+    "improve": ("diagnose, add, refit, until nothing is left to learn", "ladder.json",
+                "pycosim improve study.toml --data run1.csv", ""),
+}
+WRITES = {
+    "compare": ("comparison.json",), "identify": ("parameters.json",), "diagnose": ("diagnosis.json",),
+    "add": ("study.toml", "parameters.json", "comparison.json"),
+    "improve": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
+                "study.toml", "model.mo"),
+}
+
+
+class UsageError(PycosimError):
+    """The command line itself is wrong."""
+
+
+# --- arguments ------------------------------------------------------------------------------------------------------
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one sentence, as an error of ours."""
+
+    def error(self, message):
+        if message.startswith("the following arguments are required: "):
+            missing = message.partition(": ")[2]
+            message = f"{missing} is missing; it comes before --data, which takes every name that follows"
+        raise UsageError(f"{message}; see '{self.prog} --help'")
+
+
+def build_parser():
+    """The parser of the whole command line."""
+    parser = _Parser(prog="pycosim", allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter,
+                     description="Compare the model of a geared or cable-driven actuator with its logs, and learn which "
+                                 "physical effect is missing.",
+                     epilog="'pycosim VERB --help' has the options and an example of each.")
+    parser.add_argument("--version", action="version", version=f"pycosim {__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs")
+    for verb, (what, _, example, more) in VERBS.items():
+        sub = verbs.add_parser(verb, help=what, allow_abbrev=False, description=f"{what[0].upper()}{what[1:]}. {more}".strip(),
+                               formatter_class=argparse.RawDescriptionHelpFormatter, epilog=f"example:\n  {example}")
+        if verb == "new":
+            sub.add_argument("rig", metavar="RIG", help="Modelica class, as DriveTrain.Rigs.HipKnee or HipKnee")
+        elif verb != "demo":
+            sub.add_argument("study", metavar="STUDY", help="study file (TOML)")
+        if verb == "add":
+            sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
+        sub.add_argument("--data", nargs="+", metavar="FILE",
+                         help=argparse.SUPPRESS if verb == "demo" else "logs, instead of the study's own")
+        default = "demo" if verb == "demo" else f"<study>_{verb}"
+        folder = ("folder of the study (default: the current one)" if verb == "new"
+                  else f"folder of the results (default: ./{default})")
+        sub.add_argument("--out", metavar="DIR", help=folder)
+        sub.add_argument("--json", action="store_true",
+                         help=f"print {VERBS[verb][1] or 'where the study is'} and nothing else")
+        sub.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    return parser
+
+
+def parse(argv):
+    """Arguments of a command line.
+
+    Raises
+    ------
+    UsageError
+        With the closest verb or option that there is.
+    """
+    parser = build_parser()
+    first = next((a for a in argv if not a.startswith("-")), None)
+    if first is not None and first not in VERBS:
+        raise UsageError(f"no verb '{first}'{closest(first, VERBS)}")
+    arguments, unknown = parser.parse_known_args(argv)
+    if unknown:
+        what = "option" if unknown[0].startswith("-") else "argument"
+        known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
+        raise UsageError(f"unknown {what} '{unknown[0]}'{closest(unknown[0], known)}; "
+                         f"see 'pycosim {arguments.verb or ''} --help'".replace("  ", " "))
+    if arguments.verb is None and argv:
+        raise UsageError(f"no verb; one of {', '.join(VERBS)}")
+    return arguments
+
+
+# --- progress and output --------------------------------------------------------------------------------------------
+
+
+class Progress:
+    """Sentences about what is going on, on a terminal only."""
+
+    def __init__(self, quiet):
+        self.status = None
+        if not quiet and sys.stderr.isatty():
+            from rich.console import Console
+            self.status = Console(stderr=True).status("reading")
+        self.start = time.monotonic()
+
+    def __enter__(self):
+        if self.status:
+            self.status.start()
+        return self
+
+    def __exit__(self, *_):
+        if self.status:
+            self.status.stop()
+
+    def __call__(self, text):
+        if self.status:
+            self.status.update(f"{text} ({time.monotonic() - self.start:.0f} s)")
+
+
+class Run:
+    """One verb on one study: what is shared by all verbs that have one.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    progress : callable
+    """
+
+    def __init__(self, arguments, progress):
+        from . import results
+        from .compile import Library
+        from .study import load_study
+
+        self.progress, self.results, self.verb = progress, results, arguments.verb
+        self.study = load_study(arguments.study)
+        if arguments.data:
+            self.study = self.study.with_data(arguments.data)
+        self.library = Library(self.study.modelica)
+        self.model = self.study.validate(self.library)
+        self.out = Path(arguments.out or f"{self.study.name}_{self.verb}")
+        self.folder = results.Folder(self.out, self.verb, self.study.path, WRITES[self.verb])
+        self.lines = []
+
+    def read(self):
+        """Read the logs."""
+        from .dataset import Dataset
+        self.progress("reading the logs")
+        self.dataset = Dataset(self.study, self.library)
+        self.lines += self.results.summary_data(self.dataset)
+        return self.dataset
+
+    def fit(self, model=None):
+        """Fit the study's free parameters."""
+        from . import identify
+        self.progress("fitting")
+        return identify.fit(self.dataset, model or self.model)
+
+    def compare(self, model, fit):
+        """``comparison.json`` of a fitted model, the error with the study's own values included."""
+        from . import compare, identify
+        result = compare.compare(self.dataset, model, fit)
+        if self.verb == "compare":
+            given = identify.fit(self.dataset, model, free=[])
+            result["error_as_given"] = compare.errors(self.dataset, model, given, "all")
+        return self.results.plain(result)
+
+    def write(self, name, result):
+        """Write one result; the verb's main file is kept for ``--json``."""
+        text = result if isinstance(result, str) else self.results.to_json(result)
+        self.folder.write(name, text)
+        if name == VERBS[self.verb][1]:
+            self.main = text
+
+    def write_model(self, model, fit):
+        """The study with the model's effects, its parameters, and its errors."""
+        from .study import write_study
+        parameters = self.results.parameters(fit, model, self.study.seed)
+        self.write("parameters.json", parameters)
+        self.write("comparison.json", self.compare(model, fit))
+        write_study(self.results.improved_study(self.study, model, fit), self.folder.file("study.toml"))
+        return parameters
+
+    def draw(self, function, *arguments):
+        """Figures, where they are available."""
+        try:
+            figures = importlib.import_module(f"{__package__}.figures")
+        except ModuleNotFoundError as error:
+            if error.name != f"{__package__}.figures":
+                raise
+            return
+        self.progress("drawing")
+        getattr(figures, function)(self.folder.temporary, self.dataset, *arguments)
+
+
+# --- verbs ----------------------------------------------------------------------------------------------------------
+
+
+def _compare(run, arguments):
+    fit = run.fit()
+    result = run.compare(run.model, fit)
+    run.write("comparison.json", result)
+    run.draw("write_comparison", run.model, fit)
+    run.lines += run.results.summary_comparison(result)
+
+
+def _identify(run, arguments):
+    if not run.dataset.free(run.model):
+        raise StudyError(f"{run.study.path}: no parameter is free; write fixed = false at those to identify")
+    result = run.results.parameters(run.fit(), run.model, run.study.seed)
+    run.write("parameters.json", result)
+    run.lines += run.results.summary_parameters(result)
+
+
+def _diagnose(run, arguments):
+    from . import compare
+    from .compile import compile_model
+    from .diagnose import diagnose
+    found = diagnose(run.dataset, run.model, run.fit(), run.study.seed, run.progress)
+    if found.winner is not None and run.dataset.is_test.any():
+        larger = compile_model(run.library, run.study.rig, [*run.study.effects, found.winner.key])
+        found.winner.held_out_error = compare.errors(run.dataset, larger, found.winner.fit, "test")
+    result = run.results.diagnosis(found, run.library)
+    run.write("diagnosis.json", result)
+    run.lines += run.results.summary_diagnosis(result, run.library)
+
+
+def _add(run, arguments):
+    from . import compare
+    chosen, told = best_place(run, *run.effect)
+    model, fit = chosen
+    run.lines += told
+    before, after = (compare.errors(run.dataset, m, f, "fit") for m, f in ((run.model, run.base), (model, fit)))
+    run.lines.append(f"Error on the fitted passes: {run.results._change(before, after)}.")
+    run.lines += run.results.summary_parameters(run.write_model(model, fit))
+    run.draw("write_comparison", model, fit)
+
+
+def _improve(run, arguments):
+    from .improve import improve
+    found = improve(run.dataset, run.model, run.study.seed, run.progress)
+    first, last = (run.results.diagnosis(d, run.library) for d in (found.first, found.last))
+    steps = run.results.ladder(found.steps, run.dataset)
+    run.write("diagnosis.json", first)
+    run.write("diagnosis_final.json", last)
+    run.write("ladder.json", steps)
+    parameters = run.write_model(found.model, found.fit)
+    run.write("model.mo", found.model.text.rstrip("\n") + "\n")
+    run.draw("write_figures", found)
+    run.lines += run.results.summary_improvement(first, last, steps, parameters, run.library)
+    run.lines += run.results.summary_parameters(parameters)
+
+
+VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve}
+
+
+def checked_effect(run, text):
+    """Effect and candidate places of ``EFFECT[@PLACE]``.
+
+    Returns
+    -------
+    effect : str
+    places : list of str
+        The given place, or all places of the rig that the effect can still be added at.
+
+    Raises
+    ------
+    UnknownNameError, StudyError
+    """
+    from .compile import find_effect, find_place, places
+    name, at, place = text.partition("@")
+    effect = find_effect(run.library, name)
+    if at:
+        wanted = [find_place(run.library, run.study.rig, effect, place)]
+    else:
+        wanted = places(run.library, run.study.rig, effect)
+    if not wanted:
+        find_place(run.library, run.study.rig, effect, "")
+    acting = {(e.id, c): p.name for e, p in run.model.attached for c in p.components}
+    free = [p for p in wanted if not any((name, c) in acting for c in p.components)]
+    if not free:
+        where = next(acting[name, c] for p in wanted for c in p.components if (name, c) in acting)
+        raise StudyError(f"{run.study.path}: '{name}' at '{where}' is in the study already")
+    rival = [f"{c}.{effect.replaces}" for p in free for c in p.components] if effect.replaces else []
+    fitted = [n for n in rival if run.study.parameters.get(n) and run.study.parameters[n].fixed is False]
+    if fitted:
+        raise StudyError(f"{run.study.path}: '{name}' does what the free parameter '{fitted[0]}' does already; "
+                         "fix that one first (fixed = true)")
+    return name, [p.name for p in free]
+
+
+def best_place(run, effect, places):
+    """Refit with an effect at each of the places; the best by selection error.
+
+    Returns
+    -------
+    (model, fit), lines
+    """
+    from . import identify
+    from .compile import compile_model
+    from .diagnose import _nudged, diagnose, select
+    run.base = run.fit()
+    found = diagnose(run.dataset, run.model, run.base, run.study.seed, run.progress)
+    starts = {f.place: f for f in found.candidates if f.effect == effect}
+    usual = select(run.dataset, run.model, run.base, found.noise).usual  # rivals are compared at one noise level
+    tried = []
+    for place in places:
+        run.progress(f"fitting {effect} at {place}")
+        model = compile_model(run.library, run.study.rig, [*run.study.effects, (effect, place)])
+        finding = starts.get(place)
+        try:
+            start = {**run.base.parameters, **(finding.start if finding else {})}
+            fit = identify.fit(run.dataset, model, _nudged(start, model, finding))
+            error = select(run.dataset, model, fit, found.noise, usual).white.sum() + 2 * len(fit.free)
+        except PycosimError:
+            if len(places) == 1:
+                raise
+            continue
+        tried.append((error, place, model, fit))
+    if not tried:
+        raise StudyError(f"{run.study.path}: '{effect}' cannot be fitted at any place of {run.study.rig} on these data")
+    _, place, model, fit = min(tried, key=lambda t: t[0])
+    lines = [f"Added {effect} at {place}" + (
+        f", the best of {', '.join(p for _, p, _, _ in tried)} by cross-validation." if len(places) > 1 else ".")]
+    finding = starts.get(place)
+    if finding is not None and finding.p_value >= 0.01:
+        lines.append(f"These data do not ask for it: p = {finding.p_value:.3g} family-wise.")
+    hidden = next((u for u in found.undetectable if (u["effect"], u["place"]) == (effect, place)), None)
+    if hidden:
+        lines.append(f"These data can hardly show it ({hidden['why']}); its coefficients mean little. "
+                     f"To see it: {hidden['experiment']}.")
+    return (model, fit), lines
+
+
+# --- new and demo ---------------------------------------------------------------------------------------------------
+
+
+def _new(arguments):
+    """Write a commented study for a rig; returns its path."""
+    from .compile import Library
+    from .results import FolderError
+    from .study import load_study
+    library = Library()
+    rig = find_rig(library, arguments.rig)
+    folder = Path(arguments.out or ".")
+    path = folder / f"{rig.rsplit('.', 1)[-1]}.toml"
+    if os.path.lexists(path):
+        raise FolderError(f"{path}: exists already, and is not overwritten; move it, or name a folder with --out DIR")
+    for file in arguments.data or []:
+        if not Path(file).is_file():
+            raise UnknownNameError(f"no log {file}")
+    text = "\n".join(template(library, rig, [os.path.relpath(f, folder) for f in arguments.data or []])) + "\n"
+    made = []
+    temporary = folder / f".{path.name}.{os.getpid()}"
+    try:
+        for parent in [*reversed(folder.absolute().parents), folder.absolute()]:
+            if not parent.is_dir():
+                parent.mkdir()
+                made.insert(0, parent)
+        temporary.write_text(text, encoding="utf-8")
+        load_study(temporary).validate(library)
+        os.replace(temporary, path)
+    except BaseException as error:
+        temporary.unlink(missing_ok=True) if folder.is_dir() else None
+        for parent in made:
+            parent.rmdir()
+        if isinstance(error, OSError):
+            raise FolderError(f"{path}: cannot be written ({error.strerror}); name a folder with --out DIR") from None
+        raise
+    return path
+
+
+def find_rig(library, name):
+    """Full name of a rig, from its full or its short name.
+
+    Raises
+    ------
+    UnknownNameError
+    """
+    rigs = {n.rsplit(".", 1)[-1]: n for n in library.walk() if ".Rigs." in n}
+    if name in rigs or name in rigs.values():
+        return rigs.get(name, name)
+    raise UnknownNameError(f"no rig '{name}'{closest(name.rsplit('.', 1)[-1], rigs)}")
+
+
+def template(library, rig, runs):
+    """Lines of a commented study for a rig."""
+    from .compile import catalogue, compile_model, places
+    from .study import _toml
+    model = compile_model(library, rig)
+    wanted, known = model.alternatives("estimate")[0]
+    question = model.question("estimate")
+    yield f"# {library.find(rig).comment.strip(chr(34))}" if library.find(rig).comment else f"# {rig}"
+    yield f"# Next: pycosim improve {rig.rsplit('.', 1)[-1]}.toml --data my_log.csv"
+    yield f"\n[rig]\nmodel = {_toml(rig)}"
+    yield "\n[parameters]                 # SI units; fixed = false is fitted, the others are the rig's defaults"
+    open_ones = list(_free(model, question))
+    for name in question.parameters:
+        p = model.parameters[name]
+        fixed = name not in open_ones
+        bounds = "".join(f", {k} = {_toml(v)}" for k, v in (("min", p.min), ("max", p.max)) if abs(v) != float("inf"))
+        line = f"{_toml(name)} = {{ value = {_toml(p.value)}{bounds}, fixed = {_toml(fixed)} }}"
+        yield f"{'# ' if fixed else ''}{line}  # {p.unit}; {p.description or name}"
+    yield "\n[data]"
+    yield f"runs = {_toml(runs)}                    # logs, CSV or Parquet; or --data FILE..."
+    yield "held_out = []                # logs kept for the test"
+    yield 'reference = "unknown"        # where the joint torques come from: "sensor", "gravity_model" (computed), "unknown"'
+    yield '# drop_outs = "skip"         # leave rows with missing numbers out, rather than refuse the log'
+    yield "\n[columns]                    # left: the column in your log; take out what it lacks. Time is in 'time' [s]"
+    speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.flat.variables]
+    for name, role in [*((n, "needed") for n in known), *((n, "optional; else derived from the angle") for n in speeds),
+                       *((n, "what the model is compared with") for n in wanted)]:
+        v = model.flat.variables[name]
+        yield (f"{_toml(name)} = {{ variable = {_toml(name)}, unit = {_toml(v.unit)} }}"
+               f"  # {v.description or name}; {role}")
+    yield "\n# Effects, to be added by hand or found by 'pycosim improve':"
+    yield '# [[effects]]\n# effect = "viscous"\n# place = ".."'
+    for effect in catalogue(library).values():
+        found = [p.name for p in places(library, rig, effect)]
+        if found:
+            yield f"#   {effect.id}: {effect.description}; at {', '.join(found)}"
+
+
+def _free(model, question):
+    """Parameters that a first fit should find: friction of the segments, and effects that the rig already holds."""
+    base = {n.split(".")[0] for n in model.parameters}
+    effects = [n for n in base if any(n.endswith(f"_{c}") for c in model.segments)]
+    for name in question.parameters:
+        component, _, short = name.rpartition(".")
+        if component in model.segments and short in ("f0", "mu"):
+            if short == "f0" or model.parameters[name].value != 1.0:  # mu = 1: the rig's base has no load term
+                yield name
+        elif component in effects:
+            yield name
+
+
+def _demo(arguments, progress):
+    if arguments.data:
+        raise UsageError("demo makes its own log; for yours: pycosim improve STUDY --data FILE")
+    from . import demo
+    out = Path(arguments.out or "demo")
+    demo.run(out, arguments.quiet or arguments.json, progress)
+    return out
+
+
+# --- main -----------------------------------------------------------------------------------------------------------
+
+
+def run_verb(arguments, progress):
+    """Run a verb; returns the text for stdout."""
+    start = time.monotonic()
+    if arguments.verb == "new":
+        path = _new(arguments)
+        if arguments.json:
+            from .results import to_json
+            return to_json({"schema": 1, "study": str(path)})
+        return f"Written: {path}. Say which columns your log has, then: pycosim improve {path} --data my_log.csv\n"
+    if arguments.verb == "demo":
+        out = _demo(arguments, progress)
+        return (out / VERBS["demo"][1]).read_text(encoding="utf-8") if arguments.json else ""
+    run = Run(arguments, progress)
+    if arguments.verb == "add":
+        run.effect = checked_effect(run, arguments.effect)
+    with run.folder:
+        run.read()
+        VERB[arguments.verb](run, arguments)
+    if arguments.json:
+        return run.main
+    files = ", ".join(f for f in run.folder.files)
+    return "\n".join([*run.lines, f"Took {time.monotonic() - start:.1f} s.", f"Results in {run.out}: {files}", ""])
+
+
+def main(argv=None):
+    """Run pycosim.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        The command line's arguments by default.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    try:
+        arguments = parse(sys.argv[1:] if argv is None else list(argv))
+        if arguments.verb is None:
+            build_parser().print_help()
+            return 0
+        with warnings.catch_warnings():
+            if not os.environ.get("PYCOSIM_DEBUG"):
+                warnings.simplefilter("ignore")  # a warning of a solver means nothing to who reads this
+            with Progress(arguments.quiet) as progress:
+                text = run_verb(arguments, progress)
+        if not arguments.quiet or arguments.json:
+            sys.stdout.write(text)
+            sys.stdout.flush()
+        return 0
+    except SystemExit as stop:  # --help and --version
+        return int(stop.code or 0)
+    except PycosimError as error:
+        return _say(str(error), 2)
+    except KeyboardInterrupt:
+        return _say("interrupted; nothing was written", 130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        return _own_failure(error)
+
+
+def _say(text, code):
+    print(f"pycosim: {' '.join(text.split())}", file=sys.stderr)
+    return code
+
+
+def _own_failure(error):
+    """A fault of ours: one line, and the traceback where a report can take it from."""
+    what = f"failed: {type(error).__name__}: {error}"
+    if os.environ.get("PYCOSIM_DEBUG"):
+        traceback.print_exc()
+        return _say(what, 1)
+    try:
+        handle, name = tempfile.mkstemp(prefix="pycosim-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(f"pycosim {__version__}, Python {sys.version}\n{' '.join(sys.argv)}\n\n")
+            file.write("".join(traceback.format_exception(error)))
+    except OSError:
+        return _say(f"{what}; set PYCOSIM_DEBUG=1 to see where", 1)
+    return _say(f"{what}; this is a fault of pycosim, please report it with {name}", 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

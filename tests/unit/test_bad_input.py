@@ -1,0 +1,247 @@
+"""Claims about bad input: every kind exits with 2 and one line that names the fault, and leaves nothing behind.
+
+Data that are only poor are not bad input: they are read, and the results say what they cannot tell.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.hidden_effects.machine import PAPER, measure, six_manoeuvres
+from pycosim.cli import main
+
+STUDY = (Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml").read_text()
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """A good log, as a frame."""
+    motion = six_manoeuvres(speeds=(0.5, 1.6), repeats=1, rate=25, longest_pass=4)
+    return measure(PAPER, motion, rng=3)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def files(folder):
+    return {p.relative_to(folder): p.read_bytes() if p.is_file() else None for p in folder.rglob("*")}
+
+
+def refused(here, capsys, told, verb="identify", *more, study="study.toml", data=("log.csv",)):
+    """A verb refuses: code 2, one line that holds `told`, nothing written."""
+    before = files(here)
+    code = main([verb, study, *more, *(["--data", *data] if data else [])])
+    said = capsys.readouterr()
+    assert (code, said.out) == (2, ""), said.err
+    assert said.err.startswith("pycosim: ") and said.err.count("\n") == 1 and "Traceback" not in said.err
+    assert told in said.err
+    assert files(here) == before
+
+
+def edited(frame, **columns):
+    frame = frame.copy()
+    for name, values in columns.items():
+        frame[name] = values
+    return frame
+
+
+def with_cell(frame, column, row, value):
+    frame = frame.copy()
+    frame[column] = frame[column].astype(object)
+    frame.loc[row, column] = value
+    return frame
+
+
+def swapped(time):
+    time = time.to_numpy(copy=True)
+    time[[40, 41]] = time[[41, 40]]
+    return time
+
+
+def repeated(time):
+    time = time.to_numpy(copy=True)
+    time[41] = time[40]
+    return time
+
+
+LOGS = {
+    "a column missing": (lambda f: f.drop(columns="tau2"), "no column 'tau2'"),
+    "no time": (lambda f: f.drop(columns="time"), "no column 'time'"),
+    "a column of other case": (lambda f: f.rename(columns={"tau1": "Tau1"}), "no column 'tau1'; closest: 'Tau1'"),
+    "none of the columns": (lambda f: f[["time"]].assign(x=1.0), "holds none of the study's columns"),
+    "NaN": (lambda f: with_cell(f, "tau1", 7, np.nan), "row 9: column 'tau1' is empty, NaN or infinite"),
+    "infinity": (lambda f: with_cell(f, "theta1", 7, "inf"), "row 9: column 'theta1' is empty, NaN or infinite"),
+    "no number at all": (lambda f: edited(f, tau1=np.nan), "column 'tau1' holds no number at all"),
+    "text": (lambda f: with_cell(f, "tau1", 7, "high"), "row 9, column 'tau1': 'high' is not a number"),
+    "a decimal comma": (lambda f: with_cell(f, "tau1", 7, "0,5"), "use a decimal point"),
+    "time backwards": (lambda f: edited(f, time=swapped(f["time"])), "time goes backwards"),
+    "time repeated": (lambda f: edited(f, time=repeated(f["time"])), "row 43: time repeats"),
+    "time in ms": (lambda f: edited(f, time=f["time"] * 1e6), "time must be in s"),
+    "one row": (lambda f: f.head(1), "has one usable row"),
+    "a few rows": (lambda f: f.iloc[100:104], "too few for a derivative"),
+    "a header alone": (lambda f: f.head(0), "has a header but no data rows"),
+    "no torque": (lambda f: edited(f, tau1=0.0), "column 'tau1' is exactly zero throughout"),
+    "no motion": (lambda f: edited(f, theta1=1.0, theta2=2.0), "nothing moves"),
+    "motion of one motor alone": (lambda f: edited(f, theta2=2.0), "nothing moves"),
+    "a speed in other units": (lambda f: edited(f, omega1=np.gradient(f["theta1"], f["time"]) * 9.549),
+                               "check units and signs"),
+}
+
+
+@pytest.mark.parametrize("kind", LOGS)
+def test_a_bad_log_is_refused(kind, whole, here, capsys):
+    change, told = LOGS[kind]
+    (here / "study.toml").write_text(STUDY)
+    change(whole).to_csv(here / "log.csv", index=False)
+    refused(here, capsys, told)
+
+
+RAW = {
+    "empty": (lambda t: b"", "the file is empty"),
+    "binary": (lambda t: b"\x7fELF\0\0\1\2" * 50, "is a binary file, not text"),
+    "other encoding": (lambda t: t.replace(b"rest", "\xe9t\xe9".encode("latin-1")), "is not UTF-8 text"),
+    "a row cut short": (lambda t: t.rstrip(b"\n")[:-30], "the log ends within a row"),
+    "a row too long": (lambda t: t.replace(b"\n", b",1\n", 5).replace(b",1\n", b"\n", 4), "row 5"),
+    "semicolons": (lambda t: t.replace(b",", b";"), "separated by semicolons"),
+    "a column twice": (lambda t: t.replace(b"tau2", b"tau1", 1), "column 'tau1' is there 2 times"),
+}
+
+
+@pytest.mark.parametrize("kind", RAW)
+def test_a_broken_file_is_refused(kind, whole, here, capsys):
+    change, told = RAW[kind]
+    (here / "study.toml").write_text(STUDY)
+    (here / "log.csv").write_bytes(change(whole.head(300).to_csv(index=False).encode()))
+    refused(here, capsys, told)
+
+
+def test_a_log_that_is_not_there_is_refused(here, capsys):
+    (here / "study.toml").write_text(STUDY)
+    refused(here, capsys, "no log", data=("gone.csv",))
+    refused(here, capsys, "is a folder", data=(".",))
+    refused(here, capsys, "no logs to fit", data=())
+    (here / "log.txt").write_text("time\n1\n")
+    refused(here, capsys, "cannot tell the format", data=("log.txt",))
+    refused(here, capsys, "is listed twice", data=("log.csv", "log.csv"))
+
+
+EFFECT = '\n[[effects]]\neffect = "{}"\nplace = "{}"\n'
+STUDIES = {
+    "not TOML": (lambda t: t.replace("[rig]", "[rig"), "not valid TOML"),
+    "no rig": (lambda t: t.replace("[rig]", "[data2]", 1), "unknown table 'data2'"),
+    "an unknown rig": (lambda t: t.replace("Rigs.HipKnee", "Rigs.HipKne"),
+                       "no Modelica class 'DriveTrain.Rigs.HipKne'; closest: 'DriveTrain.Rigs.HipKnee'"),
+    "a class that is no rig": (lambda t: t.replace("Rigs.HipKnee", "Components.Segment"), "in DriveTrain.Components.Segment"),
+    "an unknown key": (lambda t: t.replace("held_out", "heldout"), "unknown key 'heldout'; closest: 'held_out'"),
+    "an unknown parameter": (lambda t: t.replace('"s1A.f0"', '"s1A.fo"'), "no parameter 's1A.fo'"),
+    "an unknown variable": (lambda t: t.replace('"motor1.tau"', '"motor1.taw"'), "no variable 'motor1.taw'"),
+    "an unknown unit": (lambda t: t.replace('"N.m" }', '"N.mm" }', 1), "unknown unit 'N.mm'"),
+    "a unit that does not fit": (lambda t: t.replace('"motor1.tau", unit = "N.m"', '"motor1.tau", unit = "rad"'),
+                                 "unit 'rad' does not fit a quantity in N.m"),
+    "a value outside its bounds": (lambda t: t.replace("value = 0.05, min = 0.0, max = 1.0", "value = 2.0, max = 3.0", 1),
+                                   "outside the bounds of the rig"),
+    "a value outside its own bounds": (lambda t: t.replace("value = 0.05", "value = 1.5", 1),
+                                       "outside its own bounds"),
+    "bounds upside down": (lambda t: t.replace("min = 0.0, max = 1.0", "min = 1.0, max = 0.0", 1), "is above max"),
+    "an unknown effect": (lambda t: t + EFFECT.format("viscos", "1A"), "no effect 'viscos'; closest: 'viscous'"),
+    "an unknown place": (lambda t: t + EFFECT.format("viscous", "3A"), "no place '3A' for 'viscous'"),
+    "an effect twice": (lambda t: t + 2 * EFFECT.format("viscous", "1A"), "is listed twice"),
+    "a log fitted and held out": (lambda t: t.replace("runs = []", 'runs = ["log.csv"]').replace(
+        "held_out = []", 'held_out = ["log.csv"]'), "is in runs and in held_out"),
+    "a variable read twice": (lambda t: t.replace('"motor2.tau"', '"motor1.tau"'), "already read from column 'tau1'"),
+    "an unknown reference": (lambda t: t.replace('"unknown"', '"senser"', 1), "reference = 'senser' is unknown"),
+    "nothing free": (lambda t: t.replace("fixed = false", "fixed = true"), "no parameter is free"),
+    "a Modelica file that is not there": (lambda t: t.replace("[rig]", '[rig]\nmodelica = ["my.mo"]'), "my.mo"),
+}
+
+
+@pytest.mark.parametrize("kind", STUDIES)
+def test_a_bad_study_is_refused(kind, whole, here, capsys):
+    change, told = STUDIES[kind]
+    (here / "study.toml").write_text(change(STUDY))
+    whole.to_csv(here / "log.csv", index=False)
+    data = () if kind == "a log fitted and held out" else ("log.csv",)
+    refused(here, capsys, told, data=data)
+
+
+def test_a_broken_modelica_file_is_refused_with_its_line(whole, here, capsys):
+    (here / "my.mo").write_text("model My\n  Real x;\nequation\n  x = = 1;\nend My;\n")
+    (here / "study.toml").write_text(STUDY.replace("[rig]", '[rig]\nmodelica = ["my.mo"]'))
+    whole.to_csv(here / "log.csv", index=False)
+    refused(here, capsys, "my.mo:4")
+
+
+def test_no_study_is_refused(here, capsys):
+    (here / "study.toml").write_text(STUDY)
+    refused(here, capsys, "closest: 'study.toml'", study="studi.toml")
+    refused(here, capsys, "cannot be read as a study", study=".")
+
+
+@pytest.mark.parametrize("effect, told", [
+    ("viscos", "no effect 'viscos'; closest: 'viscous'"),
+    ("viscous@4A", "no place '4A' for 'viscous'"),
+    ("viscous@", "no place ''"),
+    ("load_dependence@1A", "fix that one first"),
+    ("stribeck@1A", "is in the study already"),
+])
+def test_an_effect_that_cannot_be_added_is_refused(effect, told, whole, here, capsys):
+    (here / "study.toml").write_text(STUDY + EFFECT.format("stribeck", "1A"))
+    whole.to_csv(here / "log.csv", index=False)
+    refused(here, capsys, told, "add", effect)
+
+
+def test_a_folder_that_is_not_ours_or_cannot_be_made_is_refused(whole, here, capsys):
+    (here / "study.toml").write_text(STUDY)
+    whole.to_csv(here / "log.csv", index=False)
+    (here / "full").mkdir()
+    (here / "full" / "thesis.tex").write_text("years of work")
+    refused(here, capsys, "holds files that are not results of pycosim", "identify", "--out", "full")
+    refused(here, capsys, "is a file", "identify", "--out", "log.csv")
+    refused(here, capsys, "cannot be written", "identify", "--out", "log.csv/results")
+    refused(here, capsys, "cannot be written", "identify", "--out", "/proc/pycosim/results")
+    refused(here, capsys, "is the current folder", "identify", "--out", ".")
+
+
+def test_drop_outs_are_refused_with_their_rows_or_left_out_when_the_study_says_so(whole, here, capsys):
+    log = whole.copy()
+    log.loc[[100, 101, 102, 300], "tau1"] = np.nan
+    log.to_csv(here / "log.csv", index=False)
+    (here / "study.toml").write_text(STUDY)
+    refused(here, capsys, "row 102-104, 302: column 'tau1'")
+    (here / "study.toml").write_text(STUDY.replace("[data]", '[data]\ndrop_outs = "skip"'))
+    assert main(["compare", "study.toml", "--data", "log.csv"]) == 0
+    assert "log.csv: 4 rows left out." in capsys.readouterr().out
+    found = json.loads((here / "study_compare" / "comparison.json").read_text())
+    assert found["samples"]["left_out_rows"] == {"log.csv": [[102, 104], [302, 302]]}
+
+
+# --- poor, but honest
+
+
+# rows to keep, motion, and what the results must say is not visible, with the reason where there is one for it
+POOR = {
+    "one direction": (["A"], {"speeds": (0.5, 1.6)}, "direction_asymmetry", "one direction only"),
+    "one pass": (["A"], {"speeds": (1.6,)}, "direction_asymmetry", "one direction only"),
+    "one speed": (["A", "B", "rest"], {"speeds": (1.6,), "repeats": 4}, "viscous", "one speed only"),
+    "one load": (["A", "B", "rest"], {"speeds": (0.5, 1.6), "lines": (0.8,), "repeats": 4}, "load_nonlinearity", ""),
+}
+
+
+@pytest.mark.parametrize("kind", POOR)
+def test_poor_data_are_read_and_the_results_say_what_they_cannot_tell(kind, here, capsys):
+    labels, options, hidden, why = POOR[kind]
+    log = measure(PAPER, six_manoeuvres(**{"repeats": 1, "rate": 50, "longest_pass": 4, **options}), rng=3)
+    log[log["manoeuvre"].isin(labels)].to_csv(here / "log.csv", index=False)
+    (here / "study.toml").write_text(STUDY)
+    assert main(["identify", "study.toml", "--data", "log.csv"]) == 0
+    assert main(["diagnose", "study.toml", "--data", "log.csv"]) == 0
+    told = capsys.readouterr()
+    assert told.err == "" and "Not visible (" in told.out
+    found = json.loads((here / "study_diagnose" / "diagnosis.json").read_text())
+    entries = [u for u in found["undetectable"] if u["effect"] == hidden]
+    assert entries and all(why in u["why"] and u["experiment"] for u in entries)
