@@ -176,7 +176,7 @@ class Table:
         plain = self.dataset.residuals(self.model, self.fit.free, self.fit.parameters, self.part)
         plain = plain.thin(self.thin) if self.thin > 1 else plain
         self.residual = plain.residual(self.fit.values)
-        self.channels = whole.channels
+        self.channels = self.dataset.channels
 
     def _signals(self):
         """Signals of the ports at the samples of each term."""

@@ -71,7 +71,8 @@ def build_parser():
     parser.add_argument("--version", action="version", version=f"pycosim {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs")
     for verb, (what, _, example, more) in VERBS.items():
-        sub = verbs.add_parser(verb, help=what, allow_abbrev=False, description=f"{what[0].upper()}{what[1:]}. {more}".strip(),
+        sub = verbs.add_parser(verb, help=what, allow_abbrev=False,
+                               description=f"{what[0].upper()}{what[1:]}. {more}".strip(),
                                formatter_class=argparse.RawDescriptionHelpFormatter, epilog=f"example:\n  {example}")
         if verb == "new":
             sub.add_argument("rig", metavar="RIG", help="Modelica class, as DriveTrain.Rigs.HipKnee or HipKnee")
@@ -427,7 +428,7 @@ def template(library, rig, runs):
     yield "\n[data]"
     yield f"runs = {_toml(runs)}                    # logs, CSV or Parquet; or --data FILE..."
     yield "held_out = []                # logs kept for the test"
-    yield 'reference = "unknown"        # where the joint torques come from: "sensor", "gravity_model" (computed), "unknown"'
+    yield 'reference = "unknown"        # of the joint torques: "sensor", "gravity_model" (computed), "unknown"'
     yield '# drop_outs = "skip"         # leave rows with missing numbers out, rather than refuse the log'
     yield "\n[columns]                    # left: the column in your log; take out what it lacks. Time is in 'time' [s]"
     speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.flat.variables]

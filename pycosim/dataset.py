@@ -206,15 +206,15 @@ class Dataset:
         span = np.maximum(np.ptp(self.config, axis=1, keepdims=True), 1e-9)
         x = 2 * (self.config - self.config.min(1, keepdims=True)) / span - 1
         rates = [v for n, v in self.signals.items() if n.startswith("der(") and np.ptp(v) > 0]
-        features = [np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(range(4), repeat=len(x))
-                    if sum(e) <= 3] + [r / np.std(r) for r in rates]
-        features = np.array(features)
+        powers = {degree: np.array([np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(
+            range(degree + 1), repeat=len(x)) if sum(e) <= degree]) for degree in (1, 2, 3)}
+        rates = np.array([r / np.std(r) for r in rates]).reshape(len(rates), -1)
         code = (np.sign(self.speeds) > 0).T @ (1 << np.arange(len(self.speeds)))
         predicted = values.copy()
         for where in (self.moving & (code == c) for c in np.unique(code[self.moving])):
-            if where.sum() > 10 * len(features):
-                a = features[:, where]
-                predicted[where] = np.linalg.lstsq(a @ a.T, a @ values[where], rcond=1e-10)[0] @ a
+            degree = 3 if where.sum() > 1000 else 2 if where.sum() > 200 else 1
+            a = np.vstack([powers[degree][:, where], rates[:, where] if degree == 3 else rates[:0, where]])
+            predicted[where] = np.linalg.lstsq(a @ a.T, a @ values[where], rcond=1e-10)[0] @ a
         for s in contiguous(self.time, self.passes):
             if self.passes[s.start] >= 0 and s.stop - s.start > 20:
                 a = np.array([np.ones(s.stop - s.start), predicted[s]])
@@ -319,7 +319,7 @@ class Dataset:
             return cached[key]
 
         return Residuals(question, self.outputs, measured, terms, free, parameters,
-                         self.time[index], self.passes[index], self.block[index])
+                         self.time[index], self.passes[index], self.block[index], self.channels)
 
     def _picks(self, view):
         if not self.paired:

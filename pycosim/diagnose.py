@@ -16,7 +16,9 @@ from scipy import special, stats
 from . import identify
 from .candidates import CYCLES, Candidate, Column, Contribution, Table
 from .compile import catalogue, compile_model, component_name
+from .dependence import dependence, noise_floor
 from .errors import PycosimError
+from .excitation import FACTOR, undetectable
 from .identify import bounded
 from .noise import contiguous, fit_noise
 
@@ -47,6 +49,17 @@ class Finding:
     def key(self):
         """Effect and place."""
         return self.effect, self.place
+
+
+@dataclass
+class Score:
+    """Test of one candidate: statistic, minus log of its single p-value, coefficients, and whether it can be seen."""
+
+    candidate: object
+    value: float = 0.0
+    surprise: float = 0.0
+    coefficients: np.ndarray | None = None
+    visible: bool = False
 
 
 class Scores:
@@ -130,7 +143,9 @@ class Scores:
         used = np.count_nonzero(beta)
         left = self.gram[-1, -1] - 2 * beta @ self.gram[:-1, -1] + beta @ self.gram[:-1, :-1] @ beta
         self.variance = max(left / max(self.samples - used, 1), 1e-300)
-        self.dof = max(self.samples - used, 1)
+        # slow noise is known from as many independent stretches as the log holds, not from its samples
+        independent = sum(n.independent(t.residual.shape[1], len(self.pieces)) for n in self.noise)
+        self.dof = max(min(self.samples, independent) - used, 1)
 
     # ---- cycles: a fine scan over the angle, then the best as ordinary columns
 
@@ -227,32 +242,47 @@ class Scores:
         for candidate in self.table.candidates:
             t = self._parts(candidate)[p:]
             inner = t.T @ schur @ t
-            full = t.T @ gram[p:-1, p:-1] @ t
-            share = float(np.min(np.diag(inner) / np.maximum(np.diag(full), 1e-300)))
-            if share < 1e-5 or np.linalg.cond(inner) > 1e12:
-                self.results.append((candidate, 0.0, 0.0, None, share))
+            if not self._visible(candidate, inner, t.T @ gram[p:-1, p:-1] @ t):
+                self.results.append(Score(candidate))
                 continue
             sided = len(candidate.parts) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
             value, coefficients = self._fall(candidate)
-            self.results.append((candidate, value, self._surprise(value, len(t.T), sided), coefficients, share))
+            self.results.append(Score(candidate, value, float(self._surprise(value, len(t.T), sided)), coefficients, True))
             if not candidate.extra.get("scanned"):
                 z = noise @ t
                 chance = np.einsum("bi,ij,bj->b", z, np.linalg.inv(inner), z)
                 if sided:
                     sign = 1 if candidate.lower[0] == 0 else -1
                     chance = np.where(sign * z[:, 0] > 0, chance, 0.0)
-                largest = np.maximum(largest, self._surprise(chance, len(t.T), sided))
+                largest = np.maximum(largest, -self._log_chi2(chance, len(t.T), sided))
         self.largest = np.sort(largest)
 
+    def _visible(self, candidate, inner, full):
+        """Whether a size within reason would stand out of the noise, beside what the base model absorbs."""
+        diagonal = np.diag(inner)
+        # in paired passes what a weak column has left is mostly the noise that is in the residual too
+        least = 5e-3 if self.table.dataset.paired else 1e-6
+        if np.min(diagonal / np.maximum(np.diag(full), 1e-300)) < least or np.linalg.cond(inner) > 1e12:
+            return False
+        if not candidate.effect.size:
+            return True
+        spread = np.sqrt(self.variance / diagonal)
+        nominal = self.table.contributions[candidate.effect.id].question.variables[candidate.names[0]].nominal
+        return bool(4 * np.min(spread) < FACTOR * nominal)
+
     def _surprise(self, value, d, sided):
-        """Minus log of the single p-value of a statistic with d coefficients."""
+        """Minus log of the single p-value of a statistic with d coefficients, for the noise's degrees of freedom."""
         if self.dof > 1000:
-            value = np.asarray(value, dtype=float)
-            log = np.log(special.gammaincc(d / 2, value / 2) + 1e-320) if d != 1 else (
-                np.log(2) + special.log_ndtr(-np.sqrt(value)))
-        else:
-            log = stats.f.logsf(np.asarray(value) / d, d, self.dof)
-        return -(log + np.log(0.5)) * (np.asarray(value) > 0) if sided else -log
+            return -self._log_chi2(value, d, sided)
+        log = stats.f.logsf(np.asarray(value) / d, d, self.dof)
+        return -(log + (np.log(0.5) if sided else 0.0)) * (np.asarray(value) > 0)
+
+    @staticmethod
+    def _log_chi2(value, d, sided):
+        value = np.asarray(value, dtype=float)
+        log = (np.log(2) + special.log_ndtr(-np.sqrt(value)) if d == 1
+               else np.log(special.gammaincc(d / 2, value / 2) + 1e-320))
+        return (log + (np.log(0.5) if sided else 0.0)) * (value > 0)
 
     def _fall(self, candidate):
         """Fall of the whitened sum of squares, over its variance, with base and candidate inside their bounds."""
@@ -437,9 +467,6 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     -------
     Diagnosis
     """
-    from .dependence import dependence, noise_floor
-    from .excitation import undetectable
-
     say = progress or (lambda text: None)
     say("testing every candidate effect at every place")
     table = Table(dataset, model, fit)
@@ -459,18 +486,19 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
 def _findings(table, scores):
     """One finding an effect and place, at its best grid point, best first."""
     best = {}
-    for candidate, value, surprise, coefficients, share in scores.results:
-        penalty = 2.0 * (len(candidate.parts) + len(candidate.effect.scan))
-        known = best.get(candidate.key)
-        if known is None or surprise > known[2]:
-            best[candidate.key] = (candidate, value, surprise, coefficients, value - penalty)
+    for score in scores.results:
+        known = best.get(score.candidate.key)
+        if known is None or score.surprise > known.surprise:
+            best[score.candidate.key] = score
     findings = []
-    for candidate, value, surprise, coefficients, rank in best.values():
-        finding = Finding(candidate.effect.id, candidate.place.name, statistic=rank)
-        finding.p_value_single = float(np.exp(-surprise))
-        finding.p_value = scores.family(surprise)
-        finding.start = _start(candidate, coefficients)
-        finding.predicted_error = _predicted(table, scores, candidate, coefficients)
+    for score in best.values():
+        candidate = score.candidate
+        penalty = 2.0 * (len(candidate.parts) + len(candidate.effect.scan))
+        finding = Finding(candidate.effect.id, candidate.place.name, statistic=score.value - penalty)
+        finding.p_value_single = float(np.exp(-score.surprise))
+        finding.p_value = scores.family(score.surprise)
+        finding.start = _start(candidate, score.coefficients)
+        finding.predicted_error = _predicted(table, scores, candidate, score.coefficients)
         findings.append(finding)
     return sorted(findings, key=lambda f: -f.statistic)
 
@@ -579,9 +607,9 @@ def _twins(other, best):
 def _verdict(findings, alarm, hidden, dataset):
     if any(f.accepted for f in findings):
         return "missing_effect"
-    if alarm or any(f.p_value < LEVEL for f in findings):
-        return "unexplained"
     unseen = {(h["effect"], h["place"]) for h in hidden}
     if all(f.key in unseen for f in findings) or np.count_nonzero(~dataset.is_test) < 2:
         return "not_enough_excitation"
+    if alarm or any(f.p_value < LEVEL for f in findings):
+        return "unexplained"
     return "nothing_missing"

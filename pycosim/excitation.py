@@ -6,7 +6,7 @@ import numpy as np
 
 from .compile.effects import annotation
 
-ABSORBED = 2e-3  # share of a column that is left beyond the base model, below which the effect cannot be seen
+FACTOR = 10.0  # an effect is out of reach when four standard errors exceed this many nominal values of its coefficient
 
 
 def undetectable(table, scores):
@@ -22,37 +22,41 @@ def undetectable(table, scores):
     list of dict
         ``effect``, ``place``, ``why`` and ``experiment``.
     """
-    share = {}
-    for candidate, _, _, _, left in scores.results:
-        share[candidate.key] = max(share.get(candidate.key, 0.0), left)
+    seen = {r.candidate.key for r in scores.results if r.visible}
     found = []
     for effect, place in [*table.offers, *table.scans]:
-        if share.get((effect.id, place.name), 1.0 if (effect, place) in table.scans else 0.0) < ABSORBED:
-            notes = annotation(table.library, effect.model)
-            found.append({"effect": effect.id, "place": place.name, "why": why(table, notes.get("needs", "")),
+        notes = annotation(table.library, effect.model)
+        reason = definite(table, place, notes.get("needs", ""))
+        if reason is None and (effect.id, place.name) not in seen:
+            reason = "the base model absorbs it on this data"
+            if notes.get("needs"):
+                reason = f"the base model absorbs it: {notes['needs']} do not vary enough on their own"
+        if reason:
+            found.append({"effect": effect.id, "place": place.name, "why": reason,
                           "experiment": notes.get("experiment", "vary speed, load, direction and configuration")})
     for effect, place, missing in table.unavailable:
         notes = annotation(table.library, effect.model)
-        found.append({"effect": effect.id, "place": place.name, "why": f"not in the log: {', '.join(dict.fromkeys(missing))}",
-                      "experiment": notes.get("experiment", f"log {', '.join(dict.fromkeys(missing))}")})
+        names = ", ".join(dict.fromkeys(missing))
+        found.append({"effect": effect.id, "place": place.name, "why": f"not in the log: {names}",
+                      "experiment": notes.get("experiment", f"log {names}")})
     return found
 
 
-def why(table, needs):
-    """The reason, from what the data cover of the variable that the effect needs."""
+def definite(table, place, needs):
+    """A reason that holds whatever the noise: the log does not vary what the effect needs; else None."""
     d = table.dataset
-    moving = np.abs(d.speeds[:, d.moving])
-    covered = {
-        "speeds": ("one speed only", np.ptp(np.log(np.quantile(moving.max(0), [0.05, 0.95]))) < 0.2),
-        "directions": ("one direction only", (np.sign(d.speeds[:, d.moving]).min(1) == np.sign(
-            d.speeds[:, d.moving]).max(1)).all()),
-        "reversals": ("no reversals", len(np.unique(d.passes[d.passes >= 0])) < 2),
-        "loads": ("one load only", False),
+    moving = np.abs(d.speeds[:, d.moving]).max(0)
+    signs = np.sign(d.speeds[:, d.moving])
+    load = table.full.get(f"{place.components[0]}.L")
+    one = {
+        "speeds": ("one speed only", not d.averaged and np.ptp(np.log(np.quantile(moving, [0.2, 0.95]))) < 0.2),
+        "directions": ("one direction only", bool((signs.min(1) == signs.max(1)).all())),
+        "reversals": ("no reversals", len(np.unique(d.passes[d.passes >= 0])) < 2 or bool((signs.min(1) == signs.max(1)).all())),
+        "loads": ("one load only", load is not None and _constant(load[d.moving])),
     }
-    for need in needs.split():
-        reason, holds = covered.get(need, ("", False))
-        if holds:
-            return reason
-    if needs:
-        return f"the base model absorbs it: {needs.replace(' ', ', ')} do not vary enough on their own"
-    return "the base model absorbs it on this data"
+    return next((reason for need in needs.split() for reason, holds in [one.get(need, ("", False))] if holds), None)
+
+
+def _constant(load):
+    low, high = np.quantile(load, [0.05, 0.95])
+    return high - low < 0.1 * max(abs(low), abs(high))

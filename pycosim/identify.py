@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
-from scipy.optimize import least_squares, lsq_linear
+from scipy.optimize import least_squares, linprog, lsq_linear
 
 from .errors import NoAnswerError
 from .moments import Moments
@@ -103,21 +103,31 @@ class Fit:
         return [float(max(low, v.min)), float(min(high, v.max))]
 
     def _range_by_bounds(self, k):
-        low, high = [], []
-        for d in self.null_directions:
-            reach = [self._reach(d), self._reach(-d)]
-            ends = [self.values[k] + reach[0] * d[k], self.values[k] - reach[1] * d[k]]
-            low.append(min(ends))
-            high.append(max(ends))
-        return [float(min(low)), float(max(high))]
+        """Least and greatest value that some point along the null directions takes within all bounds."""
+        low = np.array([self.variables[n].min for n in self.free]) - self.values
+        high = np.array([self.variables[n].max for n in self.free]) - self.values
+        d = self.null_directions / np.maximum(np.max(np.abs(self.null_directions), axis=1, keepdims=True), 1e-300)
+        d = np.where(np.abs(d) < 1e-7, 0.0, d)
+        ends = []
+        for sign in (1.0, -1.0):
+            found = linprog(sign * d[:, k], np.vstack([d.T, -d.T]), np.r_[high, -low], bounds=(None, None))
+            if not found.success:
+                return [float(self.variables[self.free[k]].min), float(self.variables[self.free[k]].max)]
+            move = found.x @ d
+            ends.append(self.values[k] + move[k] - sign * self._spread_there(k, move, low, high))
+        v = self.variables[self.free[k]]
+        return [float(max(ends[0], v.min)), float(min(ends[1], v.max))]
 
-    def _reach(self, d):
-        reach = math.inf
-        for value, name, step in zip(self.values, self.free, d):
-            v = self.variables[name]
-            if abs(step) > 1e-12 * np.max(np.abs(d)):
-                reach = min(reach, ((v.max if step > 0 else v.min) - value) / step)
-        return reach
+    def _spread_there(self, k, move, low, high):
+        """Half width of the interval of a parameter where its partner on the null direction is at a bound."""
+        room = np.minimum(np.abs(move - low), np.abs(high - move)) + np.where(np.abs(move) < 1e-9, math.inf, 0.0)
+        room[k] = math.inf
+        j = int(np.argmin(room))
+        if not np.isfinite(room[j]) or abs(move[j]) < 1e-9:
+            return 0.0
+        c = np.zeros(len(self.free))
+        c[k], c[j] = 1.0, -move[k] / move[j]
+        return stats.t.ppf(0.975, self.dof) * math.sqrt(max(c @ self.covariance @ c, 0.0))
 
 
 def fit(dataset, model, start=None, free=None, part="fit", robust=False):
@@ -281,13 +291,12 @@ def _result(problem, slope, x, free, variables, weights):
         for s in pieces:
             meat += w ** 4 * j[:, s] @ r_noise.colour(j[:, s]).T
     covariance = inverse @ meat @ inverse
-    covariance = np.maximum(covariance, 0) * np.eye(len(free)) if len(free) == 0 else covariance
-    samples = sum(1 / (1 + 2 * n.slow ** 2 / (n.slow ** 2 + n.white ** 2 + 1e-300) * n.phi / (1 - n.phi + 1e-12))
-                  for n in noise) * problem.n
-    dof = max(1.0, min(samples, 1e6) - len(free))
+    independent = sum(n.independent(problem.n, len(pieces)) for n in noise)
+    dof = max(1.0, independent - len(free))
+    covariance *= max(independent, 2.0) / max(independent - len(free), 1.0)
     fitted = Fit({**problem.parameters, **dict(zip(free, map(float, x)))}, free, variables, x,
-                 x + inverse @ gradient, covariance, null, dof, noise, problem.channels, weights)
-    fitted.error = {c: float(np.sqrt(np.mean(r ** 2))) for c, r in zip(problem.channels, residual)}
+                 x + inverse @ gradient, covariance, null, dof, noise, problem.names, weights)
+    fitted.error = {c: float(np.sqrt(np.mean(r ** 2))) for c, r in zip(problem.names, residual)}
     return fitted
 
 

@@ -31,6 +31,12 @@ class Noise:
     theta: float
     sigma: float
 
+    def independent(self, n, pieces):
+        """Number of independent values among n samples in so many pieces, as far as slow noise limits a fit."""
+        if self.slow <= 0.1 * self.white:
+            return float(n)
+        return max(n / (1 + 2 * self.phi / (1 - self.phi + 1e-12)), float(pieces))
+
     def whiten(self, values):
         """Innovations of ``values`` along the last axis, in units of their standard deviation."""
         return lfilter([1.0, -self.phi], [1.0, -self.theta], values, axis=-1) / self.sigma
@@ -67,7 +73,7 @@ def fit_noise(pieces, absorbed=None):
         return Noise(sigma, 0.0, 0.0, 0.0, sigma)
     power = np.concatenate([_periodogram(p) for p, _ in long]) / variance
     power /= np.maximum(1 - np.concatenate([_periodogram(a).sum(0) for _, a in long]), 0.2)
-    cosine = np.cos(np.concatenate([2 * np.pi * np.arange(1, len(p) // 2 + 1) / len(p) for p, _ in long]))
+    cosine = np.cos(np.concatenate([2 * np.pi * np.arange(1, _kept(len(p)) + 1) / len(p) for p, _ in long]))
 
     def misfit(x):
         white, slow, phi = np.exp(x[0]), np.exp(x[1]), np.exp(-np.exp(-x[2]))
@@ -88,8 +94,16 @@ def fit_noise(pieces, absorbed=None):
 
 
 def _periodogram(values):
-    """Power at the positive frequencies, along the last axis, of a unitary transform."""
-    return np.abs(np.fft.rfft(values, axis=-1)[..., 1:]) ** 2 / values.shape[-1]
+    """Power at the lower positive frequencies, along the last axis, of a unitary transform.
+
+    The upper two thirds say nothing of what limits a fit, and filters and interpolation have been there.
+    """
+    return np.abs(np.fft.rfft(values, axis=-1)[..., 1:_kept(values.shape[-1]) + 1]) ** 2 / values.shape[-1]
+
+
+def _kept(n):
+    """Number of frequencies used of a piece of n samples."""
+    return max(n // 6, min(n // 2, 8))
 
 
 def arma(white, slow, phi):

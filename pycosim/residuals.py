@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from .compile import ArrayFunction
-from .states import dependent_parameters, propagate
+from .states import dependent_parameters
 
 _CHUNK = 8192
 
@@ -45,12 +45,16 @@ class Residuals:
         All parameters.
     time, group, block : ndarray, shape (n,)
         Time of each sample, the pass and the block it belongs to.
+    names : list of str, optional
+        What the errors are called, where not as the channels.
     """
 
-    def __init__(self, question, channels, measured, terms, free, parameters, time, group, block):
+    def __init__(self, question, channels, measured, terms, free, parameters, time, group, block,
+                 names=None):
         self.time, self.group, self.block = time, group, block
         self.question = question
         self.channels, self.measured = list(channels), measured
+        self.names = list(channels if names is None else names)
         self.free, self.parameters = list(free), dict(parameters)
         self.selected = question.select(channels)
         self.terms = terms
@@ -182,4 +186,3 @@ def _slice(value, where):
     return value[where] if isinstance(value, np.ndarray) else value
 
 
-__all__ = ["Residuals", "Term", "propagate"]

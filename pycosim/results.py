@@ -174,7 +174,8 @@ def summary_data(dataset):
     moving, held = int(dataset.moving.sum()), int(dataset.is_test.sum())
     runs = f"{len(dataset.logs)} {'run' if len(dataset.logs) == 1 else 'runs'}"
     lines = [f"{dataset.study.rig}: {runs}, {len(dataset.time)} samples, {moving} of them moving "
-             f"(every segment above {number(dataset.w_min)} rad/s); {held} of {len(dataset.blocks)} passes out and back held out."]
+             f"(every segment above {number(dataset.w_min)} rad/s); {held} of {len(dataset.blocks)} passes out and back "
+             "held out."]
     for log in dataset.logs:
         if log.dropped:
             rows = sum(b - a + 1 for a, b in log.dropped)
@@ -415,7 +416,8 @@ class Folder:
         self.path, self.verb = Path(os.path.realpath(path)), verb
         self.owned = self._check()
         if given is not None and Path(given).resolve() in [self.path / name for name in writes]:
-            raise FolderError(f"{given}: is the given study, which is never changed; name another folder with --out DIR")
+            raise FolderError(f"{given}: is the given study, which is never changed; name another folder "
+                              "with --out DIR")
         self.temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         self.parents = []
 

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from . import states as friction
+
 from .compile import ArrayFunction, solve
 from .errors import DataError, ModelicaError, UnknownNameError, closest
+from .states import propagate
 
 __all__ = ["Dynamics", "compensate", "dynamics", "estimate", "propagate", "simulate", "step_function"]
 
@@ -263,60 +264,6 @@ def compensate(model, signals, time, parameters=None, form=0):
     return _answer(model, "compensate", form, signals, time, parameters)
 
 
-def propagate(question, signals, time, parameters):
-    """Friction states along a log, from zero at the first sample.
-
-    A state follows ``x' = a x + b`` with ``a`` and ``b`` of the speed; each step is exact for inputs held at their mean
-    over it, so that a travel far below the motion of one sample only saturates the state.
-
-    Parameters
-    ----------
-    question : Question
-    signals : dict of str to ndarray, shape (n,)
-        Inputs of the question; those that the states do not need may be missing.
-    time : ndarray, shape (n,)
-    parameters : dict of str to float
-        All that the question has.
-
-    Returns
-    -------
-    ndarray, shape (number of states, n)
-    """
-    u, x, p = question.symbols()
-    m, n = x.numel(), len(time)
-    if not m or n < 2:
-        return np.zeros((m, n))
-    rate = question.rate(u, x, p)
-    slope = ca.jacobian(rate, x)
-    if not slope.sparsity().is_diag() or ca.depends_on(slope, x):  # coupled or nonlinear states: one step at a time
-        return friction.propagate(question, signals, time, parameters)[0]
-    offset = ca.substitute(rate, x, ca.DM.zeros(m))
-    law = ArrayFunction(ca.Function("law", [u, p], [ca.densify(ca.vertcat(ca.diag(slope), offset))]))
-    known = [np.broadcast_to(signals.get(name, 0.0), n) for name in question.inputs]
-    values = law([*[(v[1:] + v[:-1]) / 2 for v in known], *[parameters[name] for name in question.parameters]], n - 1)
-    y = values[:m] * np.diff(time)
-    growth = np.divide(np.expm1(y), y, out=np.ones_like(y), where=y != 0)
-    return _scan(np.exp(y), values[m:] * np.diff(time) * growth)
-
-
-def _scan(a, b):
-    """Solve ``x[k + 1] = a[k] x[k] + b[k]`` from zero, along the last axis, in the square root of its length.
-
-    The axis is cut into rows that advance side by side; then the end of each row starts the next.
-    """
-    m, n = a.shape
-    width = int(np.ceil(np.sqrt(n)))
-    rows = -(-n // width)
-    fill = ((0, 0), (0, rows * width - n))
-    a, b = (np.pad(v, fill).reshape(m, rows, width) for v in (a, b))
-    total, x = np.multiply.accumulate(a, axis=2), b.copy()
-    for k in range(1, width):
-        x[:, :, k] += a[:, :, k] * x[:, :, k - 1]
-    for r in range(1, rows):
-        x[:, r] += total[:, r] * x[:, r - 1, -1:]
-    return np.hstack([np.zeros((m, 1)), x.reshape(m, -1)[:, :n]])
-
-
 def _answer(model, name, form, signals, time, parameters):
     question = model.question(name, form)
     time = _times(time)
@@ -325,7 +272,7 @@ def _answer(model, name, form, signals, time, parameters):
     if strange:
         _check(sorted(strange), [*question.inputs, *model.flat.variables], f"variable of {model.rig}")
     known = _known(model, name, question, signals, time)
-    x = propagate(question, known, time, values)
+    x = propagate(question, known, time, values)[0]
     p = [values[n] for n in question.parameters]
     y = _arrays(model, (name, form), question.output)([*known.values(), *x, *p], len(time))
     return dict(zip(question.outputs, y))

@@ -1,4 +1,4 @@
-"""Claims about the command line: every verb leaves the files of the contract, says what it found, and refuses kindly."""
+"""Claims about the command line: every verb leaves the contract's files, says what it found, and refuses kindly."""
 
 import json
 import math
@@ -314,7 +314,8 @@ def test_without_a_reference_the_split_of_the_distal_stages_is_reported(here, ca
         "s1B.f0 and s2B.f0 only as s1B.f0 (1 + s1B.mu) + s2B.f0 (1 + s2B.mu) = ")
     assert not found["parameters"]["s1B.f0"]["identifiable"] and found["parameters"]["s1A.f0"]["identifiable"]
     told = capsys.readouterr().out
-    assert all("not determined by itself" in line for line in told.splitlines() if line.startswith(("s1B.f0", "s2B.f0")))
+    rows = [line for line in told.splitlines() if line.startswith(("s1B.f0", "s2B.f0"))]
+    assert len(rows) == 2 and all("not determined by itself" in row for row in rows)
 
 
 def test_output_closed_early_is_no_fault(log):
