@@ -193,7 +193,7 @@ class Table:
         found = {"time": None if self.dataset.averaged else self.dataset.time}
         for member, source in (("w", "w"), ("L", "L"), ("s", "s")):
             found[f"friction.{member}"] = self.full.get(f"{component}.{source}")
-        found["friction.f0"] = self.fit.parameters.get(f"{component}.f0", 0.0)
+        found["friction.f0"] = max(self.fit.parameters.get(f"{component}.f0", 0.0), self.least_loss(component))
         found["signal.tau"] = self.full.get(f"{component}.tau_shaft")
         found["flange.phi"] = self.full.get(f"{component}.phi")
         found["der(der(flange.phi))"] = self.full.get(f"der(der({component}.phi))")
@@ -201,6 +201,11 @@ class Table:
         if take is None:
             return found
         return {n: take(v)[::self.thin] if isinstance(v, np.ndarray) else v for n, v in found.items()}
+
+    def least_loss(self, component):
+        """Loss below which an effect relative to it could not be seen; a missing effect can press f0 to zero."""
+        v = self.fit.variables.get(f"{component}.f0")
+        return 0.2 * v.nominal if v is not None else 0.0
 
     # ---- which candidates
 
@@ -219,8 +224,7 @@ class Table:
                     self.unavailable.append((effect, place, missing))
                     continue
                 if "cycles" in effect.scan.values():
-                    if len(place.components) == 1:
-                        self.scans.append((effect, place))
+                    self.scans.append((effect, place))
                 else:
                     self.offers.append((effect, place))
 

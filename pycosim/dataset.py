@@ -259,7 +259,10 @@ class Dataset:
         held = [k for k, log in enumerate(self.logs) if log.held_out]
         self.is_test = segmentation.split(self.blocks, len(self.logs), held)
         self.fold = np.zeros(len(self.blocks), dtype=int)
-        self.fold[~self.is_test] = segmentation.folds(self.blocks.take(~self.is_test), FOLDS)
+        fitted = self.blocks.take(~self.is_test)
+        runs, of_run = np.unique(fitted.run, return_inverse=True)
+        # a log's blocks share its conditions: with enough logs, a fold is left out log by log
+        self.fold[~self.is_test] = of_run % FOLDS if len(runs) >= 4 else segmentation.folds(fitted, FOLDS)
 
     def held_out_ranges(self):
         """Held-out part as ``[file, t0, t1]`` entries."""

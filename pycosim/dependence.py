@@ -7,7 +7,8 @@ import numpy as np
 from .noise import contiguous
 
 BINS = 24
-ALARM = 4.0  # standard errors by which a dependence must lower the error on blocks that it was not fitted to
+ALARM = 4.0  # standard errors by which a dependence must lower the error on blocks that it was not fitted to ..
+SHARE, FEW = 0.05, 1.5  # .. or this share of the error's energy, where few blocks hold it, and so many standard errors
 
 
 def noise_floor(dataset, model, fit):
@@ -142,10 +143,16 @@ def dependence(dataset, model, fit, seed=0):
         bins = _bins(values)
         best = max((_explained(residual * weights, drives[:, k] * weights, bins, fold, label, len(blocks))
                     for k in range(drives.shape[1])), key=lambda e: e[0])
-        found.append({"variable": name, "strength": round(max(0.0, best[0]), 4)})
-        sure |= best[1] > ALARM and best[0] > 0
-    found.sort(key=lambda d: -d["strength"])
-    return found, bool(sure)
+        found.append({"variable": name, "strength": round(max(0.0, float(best[0])), 4)})
+        sure |= (best[1] > ALARM and best[0] > 0) or (best[0] > SHARE and best[1] > FEW)
+    angles = {n for n, c in dataset.study.columns.items() if c.variable.endswith("phi")}
+    channels = {n for n, c in dataset.study.columns.items() if c.variable in dataset.outputs}
+
+    def order(entry):
+        """Most first; of variables that follow from each other, the angle before what it causes."""
+        name = entry["variable"]
+        return -entry["strength"] * (1.02 if name in angles else 0.98 if name in channels else 1.0)
+    return sorted(found, key=order), bool(sure)
 
 
 def _bins(values):

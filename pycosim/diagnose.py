@@ -24,7 +24,9 @@ from .noise import contiguous, fit_noise
 
 LEVEL = 0.01
 DRAWS = 1999
-REFITS = 6
+PART = 0.8  # of what a free function of one variable explains, that an accepted effect must explain
+REFITS = 10
+TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
 @dataclass
@@ -169,28 +171,19 @@ class Scores:
     def _scan_place(self, contribution, place, back, subs):
         """Number of cycles that explains most, and the largest chance result of sign-flipped stretches."""
         t = self.table
-        component = place.components[0]
-        frequency, = [c for c, kind in contribution.effect.scan.items() if kind == "cycles"]
-        quadrature = next((c for c, kind in contribution.effect.scan.items() if kind == "quadrature"), None)
-        probe = t.probes.index(f"probe_{component}.dtau")
-        phis = [t.port_signals(contribution.effect, component, take)["flange.phi"] for take in t.takes]
-        low, high = min(p.min() for p in phis), max(p.max() for p in phis)
-        turns = (high - low) / (2 * np.pi)
+        frequency, quadrature = _periodic(contribution.effect)
+        phis = {c: [t.port_signals(contribution.effect, c, take)["flange.phi"] for take in t.takes]
+                for c in place.components}
+        turns = max(np.ptp(np.concatenate(p)) for p in phis.values()) / (2 * np.pi)
         if turns < 0.05:
             return None
         cycles = np.arange(max(1.0 / turns, 0.05), CYCLES, 0.25 / turns)
-        width = 2 * np.pi / (16 * CYCLES)
-        bins = int((high - low) / width) + 1
-        centres = low + (np.arange(bins) + 0.5) * width
-        counts = np.zeros((subs.max() + 1) * bins)
-        for phi, response in zip(phis, t.responses):
-            drive = sum(response[c, probe] * b for c, b in enumerate(back))
-            cell = subs * bins + np.minimum(((phi - low) / width).astype(int), bins - 1)
-            counts += np.bincount(cell, drive, len(counts))
-        counts = counts.reshape(-1, bins)
-        waves = [contribution({"flange.phi": centres}, [], {frequency: n, **({quadrature: q} if quadrature else {})},
-                              bins)[0, 0] for q in (0.0, np.pi / 2) for n in cycles]
-        sums = counts @ np.array(waves).T
+        sums = 0.0
+        for component, angles in phis.items():
+            centres, counts = self._by_angle(component, angles, back, subs)
+            waves = [contribution({"flange.phi": centres}, [], {frequency: n, quadrature: q}, len(centres))[0, 0]
+                     for q in (0.0, np.pi / 2) for n in cycles]
+            sums = sums + counts @ np.array(waves).T
         sine, cosine = sums[:, :len(cycles)], sums[:, len(cycles):]
         value = _pair_statistic(sine.sum(0), cosine.sum(0), sine, cosine)
         best = float(cycles[np.argmax(value)])
@@ -198,24 +191,34 @@ class Scores:
         flipped = _pair_statistic(signs @ sine, signs @ cosine, sine, cosine).max(axis=1)
         return best, flipped / 2
 
+    def _by_angle(self, component, angles, back, subs):
+        """Score of a torque at each small step of the angle, stretch by stretch."""
+        t = self.table
+        probe = t.probes.index(f"probe_{component}.dtau")
+        low, width = min(a.min() for a in angles), 2 * np.pi / (16 * CYCLES)
+        bins = int((max(a.max() for a in angles) - low) / width) + 1
+        counts = np.zeros((subs.max() + 1) * bins)
+        for phi, response in zip(angles, t.responses):
+            drive = sum(response[c, probe] * b for c, b in enumerate(back))
+            cell = subs * bins + np.minimum(((phi - low) / width).astype(int), bins - 1)
+            counts += np.bincount(cell, drive, len(counts))
+        return low + (np.arange(bins) + 0.5) * width, counts.reshape(-1, bins)
+
     def _add_cycles(self, contribution, place, cycles):
         t = self.table
-        frequency, = [c for c, kind in contribution.effect.scan.items() if kind == "cycles"]
-        quadrature = next(c for c, kind in contribution.effect.scan.items() if kind == "quadrature")
+        frequency, quadrature = _periodic(contribution.effect)
         start = t.matrix.shape[1]
-        new = [t.column(contribution, place.components[0], {frequency: cycles, quadrature: q})[0]
+        new = [sum(t.column(contribution, c, {frequency: cycles, quadrature: q})[0] for c in place.components)
                for q in (0.0, np.pi / 2)]
         t.matrix = np.concatenate([t.matrix, np.array(new).transpose(1, 0, 2)], axis=1)
         for q in (0.0, np.pi / 2):
-            t.columns.append(Column(contribution.effect, place.components[0], ((frequency, cycles), (quadrature, q)),
+            t.columns.append(Column(contribution.effect, place.name, ((frequency, cycles), (quadrature, q)),
                                     contribution.coefficients[0]))
-        grid = {frequency: cycles, quadrature: 0.0}
         bound = contribution.question.variables[contribution.coefficients[0]].max
-        t.candidates.append(Candidate(contribution.effect, place, grid, [[start], [start + 1]],
-                                      [contribution.coefficients[0]], np.full(2, -bound), np.full(2, bound),
-                                      {"scanned": True, "phase": quadrature}))
-        rows = np.array([[_whiten_pieces(new[k][c], noise, self.pieces) for k in (0, 1)]
-                         for c, noise in enumerate(self.noise)])
+        t.candidates.append(Candidate(contribution.effect, place, {frequency: cycles, quadrature: 0.0},
+                                      [[start], [start + 1]], [contribution.coefficients[0]], np.full(2, -bound),
+                                      np.full(2, bound), {"scanned": True, "phase": quadrature}))
+        rows = [[_whiten_pieces(v[c], noise, self.pieces) for v in new] for c, noise in enumerate(self.noise)]
         self.white = [np.concatenate([s[:-1], r, s[-1:]]) for s, r in zip(self.white, rows)]
         self.gram = sum(s @ s.T for s in self.white)
 
@@ -307,6 +310,12 @@ class Scores:
         """Family-wise p-value of a surprise."""
         above = len(self.largest) - np.searchsorted(self.largest, surprise, side="left")
         return (1 + above) / (1 + len(self.largest))
+
+
+def _periodic(effect):
+    """Names of the coefficients that are a number of cycles and a phase."""
+    kinds = {kind: c for c, kind in effect.scan.items()}
+    return kinds["cycles"], kinds["quadrature"]
 
 
 def _pair_statistic(s, c, sine, cosine):
@@ -474,12 +483,17 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     findings = _findings(table, scores)
     say("refitting the most likely")
     base = select(dataset, model, fit, scores.noise)
-    rivals = _refit_best(dataset, model, fit, scores, findings, base.usual)
-    _decide(findings, rivals, base, {e.id: e.refines for e in catalogue(dataset.library).values()})
-    say("looking at what is left")
+    rivals = _refit_best(dataset, model, fit, scores, findings, base.usual, table)
     depends, alarm = dependence(dataset, model, fit, seed)
+    shape = PART * depends[0]["strength"] if depends else 0.0
+    _decide(findings, rivals, base, {e.id: e.refines for e in catalogue(dataset.library).values()}, shape)
+    for winner in [f for f in findings if f.accepted]:
+        larger = compile_model(dataset.library, model.rig, [*((e.id, p.name) for e, p in model.attached), winner.key])
+        winner.fit = identify.fit(dataset, larger, winner.fit.parameters)
+        winner.coefficients = _coefficients(larger, winner.fit)
+    say("looking at what is left")
     hidden = undetectable(table, scores)
-    verdict = _verdict(findings, alarm, hidden, dataset)
+    verdict = _verdict(findings, alarm, hidden, dataset, model.attached)
     return Diagnosis(verdict, fit.error, noise_floor(dataset, model, fit), findings, depends, hidden, scores.noise)
 
 
@@ -536,24 +550,32 @@ def _predicted(table, scores, candidate, coefficients):
     return {channel: float(np.sqrt(np.mean((r - x @ rows) ** 2))) for channel, (r, rows) in predicted.items()}
 
 
-def _refit_best(dataset, model, fit, scores, findings, usual):
+def _refit_best(dataset, model, fit, scores, findings, usual, table):
     """Fit the model with each of the best candidates; fills the findings and returns those that were fitted."""
     attached = [(e.id, p.name) for e, p in model.attached]
     fitted = []
     for finding in [f for f in findings if f.p_value < 10 * LEVEL][:REFITS]:
         larger = compile_model(dataset.library, model.rig, [*attached, finding.key])
         start = {**fit.parameters, **finding.start}
+        for component in larger.attached[-1][1].components:
+            name = f"{component}.f0"
+            if name in fit.free:
+                start[name] = max(start[name], table.least_loss(component))
         try:
-            finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding))
+            finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding), most=TRIAL)
         except PycosimError:
             continue
         finding.selection = select(dataset, larger, finding.fit, scores.noise, usual)
-        base = component_name(*larger.attached[-1])
-        finding.coefficients = {n.split(".", 1)[1]: {
-            "value": finding.fit.parameters[n], "ci95": finding.fit.interval(n), "unit": larger.parameters[n].unit}
-            for n in finding.fit.free if n.startswith(base + ".")}
+        finding.coefficients = _coefficients(larger, finding.fit)
         fitted.append(finding)
     return fitted
+
+
+def _coefficients(model, fit):
+    """Values, intervals and units of the last attached effect's coefficients."""
+    base = component_name(*model.attached[-1])
+    return {n.split(".", 1)[1]: {"value": fit.parameters[n], "ci95": fit.interval(n), "unit": model.parameters[n].unit}
+            for n in fit.free if n.startswith(base + ".")}
 
 
 def _nudged(start, model, finding):
@@ -567,21 +589,21 @@ def _nudged(start, model, finding):
     return start
 
 
-def _decide(findings, rivals, base, refines):
-    """Order the refitted candidates, accept the first if it earns it, and name its twins."""
+def _decide(findings, rivals, base, refines, shape):
+    """Order the refitted candidates, accept the first that earns it, and name its twins."""
     if not rivals:
         return
     parameters = {f.key: len(f.fit.free) for f in rivals}
     rivals.sort(key=lambda f: f.selection.white.sum() + 2 * parameters[f.key])
     rest = [f for f in findings if f not in rivals]
     findings[:] = [*rivals, *rest]
-    earned = [f for f in rivals if f.p_value < LEVEL and _earns(base, f)]
+    earned = [f for f in rivals if f.p_value < LEVEL and _earns(base, f, shape)]
     if not earned:
         return
     best = earned[0]
     twins = [f for f in rivals if f is not best and _twins(f, best)]
-    plain = next((f for f in twins if f in earned and f.effect == refines.get(best.effect)), None)
-    if plain is not None:  # a correction of an effect is not claimed where the effect itself does as well
+    plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(f, best, 3.0)), None)
+    if plain is not None:  # a correction of an effect is not claimed where the effect itself does nearly as well
         twins = [best, *[t for t in twins if t is not plain]]
         best = plain
     best.accepted = True
@@ -592,23 +614,27 @@ def _decide(findings, rivals, base, refines):
         other.twins.append({"effect": best.effect, "place": best.place})
 
 
-def _earns(base, finding):
-    """Whether the error on unseen folds falls by more than its own standard error."""
+def _earns(base, finding, shape):
+    """Whether the error on unseen folds falls by more than its own standard error, and enough.
+
+    Enough is most of what a free function of one variable takes away: an effect that takes less of it has another shape
+    than what is missing, and would stand in for something unknown.
+    """
     fall, spread = difference(base.raw, finding.selection.raw)
-    return fall > spread
+    return fall > spread and fall > shape * base.raw.sum()
 
 
-def _twins(other, best):
-    """Whether unseen folds cannot tell two refitted candidates apart."""
+def _twins(other, best, errors=1.0):
+    """Whether unseen folds cannot tell two refitted candidates apart by so many standard errors."""
     gap, spread = difference(other.selection.white, best.selection.white)
-    return gap <= spread or gap < 2.0
+    return gap <= errors * spread or gap < 2.0 * errors ** 2
 
 
-def _verdict(findings, alarm, hidden, dataset):
+def _verdict(findings, alarm, hidden, dataset, attached):
     if any(f.accepted for f in findings):
         return "missing_effect"
     unseen = {(h["effect"], h["place"]) for h in hidden}
-    if all(f.key in unseen for f in findings) or np.count_nonzero(~dataset.is_test) < 2:
+    if np.count_nonzero(~dataset.is_test) < 2 or (not attached and all(f.key in unseen for f in findings)):
         return "not_enough_excitation"
     if alarm or any(f.p_value < LEVEL for f in findings):
         return "unexplained"

@@ -130,7 +130,7 @@ class Fit:
         return stats.t.ppf(0.975, self.dof) * math.sqrt(max(c @ self.covariance @ c, 0.0))
 
 
-def fit(dataset, model, start=None, free=None, part="fit", robust=False):
+def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=None):
     """Fit a model's free parameters to a data set.
 
     Parameters
@@ -145,6 +145,8 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False):
         ``"fit"``, ``"test"``, ``"all"``, or the blocks to use.
     robust : bool
         Weigh samples down that are far out (Huber).
+    most : int, optional
+        Number of samples to use at most, evenly spread, for a quick trial.
 
     Returns
     -------
@@ -156,8 +158,12 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False):
     problem = dataset.residuals(model, free, parameters, part)
     weights = dataset.weights()
     x = np.array([_inside(parameters[n], variables[n]) for n in free])
+    skip = max(1, problem.n // most) if most else 1
+    if skip > 1:
+        problem = problem.thin(skip)
     thin = max(1, problem.n // 4000)
     tidy = dataset.residuals(model, free, parameters, part, dataset.exogenous())
+    tidy = tidy.thin(skip) if skip > 1 else tidy
     segments = list(model.segments)
     if thin > 1:
         x, _ = _refine(problem.thin(thin), tidy.thin(thin), x, free, variables, weights, segments, robust)
@@ -201,12 +207,14 @@ def _instrumented(gram, x, free, variables, steps):
     scale = np.array([variables[n].nominal for n in free])
     low, high = (np.array([getattr(variables[n], b) for n in free]) for b in ("min", "max"))
     margin = 1e-6 * scale
+    g = gram(x) if len(free) else None
     for _ in range(steps if len(free) else 0):
-        g = gram(x)
-        if not np.isfinite(g).all():
-            break
         _, step = bounded(g[:-1, :-1], g[:-1, -1], low + margin - x, high - margin - x)
-        x = np.clip(x + np.clip(step, -scale, scale), low + margin, high - margin)
+        there = np.clip(x + np.clip(step, -scale, scale), low + margin, high - margin)
+        after = gram(there)
+        if not np.isfinite(after).all() or after[-1, -1] > 1.02 * g[-1, -1]:
+            break  # far from where the derivatives hold
+        x, g = there, after
         if np.all(np.abs(step) < 1e-5 * scale):
             break
     return x
@@ -280,6 +288,8 @@ def bounded(a, b, low, high):
 def _result(problem, slope, x, free, variables, weights):
     """Covariance, null directions and noise at the solution."""
     residual = problem.residual(x)
+    if not (np.isfinite(residual).all() and np.isfinite(slope).all()):
+        raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a better start")
     pieces = contiguous(problem.time, problem.group)
     normal = sum(w ** 2 * j @ j.T for w, j in zip(weights, slope))
     gradient = sum(w ** 2 * j @ r for w, j, r in zip(weights, slope, residual))

@@ -1,0 +1,1 @@
+"""Measured data made by others, read beside the project."""

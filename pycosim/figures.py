@@ -1,0 +1,805 @@
+"""Data set, fitted models and diagnoses in; figures that a paper can print, as vector PDF with a PNG preview, out.
+
+Every curve differs in line style or marker as well as in colour, so that print without colour stays readable. Figures
+carry no titles: what they show is said in the docstrings, which serve as captions.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from functools import wraps
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
+
+from .compare import branches, errors
+from .compile import ArrayFunction, compile_model, component_name
+from .dependence import explanations, noise_floor
+from .noise import contiguous
+
+COLUMN, PAGE = 3.46, 7.1  # width of a column and of a page [inch]
+BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#767676"  # Okabe and Ito: safe for colour-blind readers
+TONES = BLUE, RED, GREEN, "black"
+MARKERS, LINES, HATCHES = "os^D", ("-", "--", "-.", ":"), ("", "////", "....", "xxxx")
+PIXELS = 1200  # across a page, in a preview of 170 dots an inch
+BINS, FULL = 14, 0.15  # bins, and the share of an equal filling below which one is not shown
+STYLE = {
+    "font.family": "serif", "font.serif": ["STIXGeneral", "DejaVu Serif"], "mathtext.fontset": "stix", "font.size": 8,
+    "axes.labelsize": 8, "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7, "axes.linewidth": 0.6,
+    "lines.linewidth": 1.0, "lines.markersize": 3.5, "xtick.direction": "in", "ytick.direction": "in",
+    "xtick.major.width": 0.5, "ytick.major.width": 0.5, "axes.spines.top": False, "axes.spines.right": False,
+    "legend.frameon": False, "legend.handlelength": 2.2, "hatch.linewidth": 0.5, "pdf.fonttype": 42,
+    "figure.constrained_layout.use": True,
+}
+
+
+def _styled(function):
+    """Draw in the style of this module, whatever the user's own."""
+    @wraps(function)
+    def inner(*arguments, **options):
+        with mpl.rc_context({**mpl.rcParamsDefault, **STYLE}):
+            result = function(*arguments, **options)
+            for axes in result.axes if isinstance(result, Figure) else ():
+                _format(axes)
+            return result
+    return inner
+
+
+class _Numbers(ScalarFormatter):
+    """Plain text at the ticks, a printed power of ten beside them: mathematics at every tick is slow."""
+
+    def get_offset(self):
+        """The power of ten."""
+        self.set_useMathText(True)
+        try:
+            return super().get_offset()
+        finally:
+            self.set_useMathText(False)
+
+
+def _format(axes):
+    for axis, limits in ((axes.xaxis, (-4, 5)), (axes.yaxis, (-3, 4))):
+        if type(axis.get_major_formatter()) is ScalarFormatter:
+            axis.set_major_formatter(_Numbers())
+            axis.get_major_formatter().set_powerlimits(limits)
+
+
+@contextmanager
+def _plain():
+    """Numbers of the axes as the reader's: no warnings of empty bins."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        yield
+
+
+# --- words and units ------------------------------------------------------------------------------------------------
+
+
+def unit_of(dataset, name):
+    """Unit of a channel, a log's column, or a variable such as ``speed@2A``."""
+    kind, _, place = name.partition("@")
+    flat = dataset.base.flat.variables
+    component = next((c for c, p in dataset.base.segments.items() if p == place), None)
+    if kind in ("speed", "acceleration", "load"):
+        unit = flat[f"{component}.{'L' if kind == 'load' else 'w'}"].unit
+        return unit + "/s" if kind == "acceleration" else unit
+    if kind in ("time", "time_since_reversal"):
+        return "s"
+    variable = name.removesuffix("_pair")
+    variable = dataset.study.columns[variable].variable if variable in dataset.study.columns else variable
+    return flat[variable].unit if variable in flat else "1"
+
+
+def _pretty(unit):
+    """A unit as papers print it."""
+    text = unit.replace("rad/s/s", "rad/s2").replace("m/s/s", "m/s2").replace(".", r"$\,$").replace("s2", "s$^2$")
+    return text.replace("degC", "°C") or "1"
+
+
+def label(dataset, name, symbol=None):
+    """Axis label of a channel or variable, with its unit."""
+    kind, _, place = name.partition("@")
+    words = {"speed": f"speed of {place}", "load": f"mean load of {place}", "acceleration": f"acceleration of {place}",
+             "time": "time", "time_since_reversal": "time since reversal"}
+    return f"{symbol or words.get(kind) or _symbol(dataset, name)} [{_pretty(unit_of(dataset, name))}]"
+
+
+def _symbol(dataset, name):
+    """C_H as a symbol; other names as they are."""
+    paired = name.endswith("_pair")
+    head, _, index = name.removesuffix("_pair").partition("_")
+    if len(head) == 1 and index.isalnum():
+        return rf"$\frac{{1}}{{2}}\Delta {head}_\mathrm{{{index}}}$" if paired else rf"${head}_\mathrm{{{index}}}$"
+    if name[-1:].isdigit() and name[:-1] in ("theta", "tau", "omega"):
+        return rf"$\{name[:-1]}_{name[-1]}$"
+    return r"$\tau$" if name == "tau" else name.replace("_", " ")
+
+
+def _capital(text):
+    return text if text.startswith("$") else text[:1].upper() + text[1:]
+
+
+# --- values ---------------------------------------------------------------------------------------------------------
+
+
+def outputs(dataset, model, parameters):
+    """Values of the compared outputs by a model, NaN where nothing moves.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+    """
+    values = dataset.segment_signals(model, parameters, dataset.outputs)
+    return {c: np.where(dataset.moving, v, np.nan) for c, v in values.items()}
+
+
+def ideal(dataset):
+    """Values of the compared outputs without any friction: no effect, every f0 = 0 and mu = 1.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,), or None where a rig's segments have no f0
+    """
+    model = compile_model(dataset.library, dataset.study.rig)
+    values = {n: v.value for n, v in dataset.variables(model).items()}
+    lossless = {f"{c}.{p}": v for c in model.segments for p, v in (("f0", 0.0), ("mu", 1.0)) if f"{c}.{p}" in values}
+    if not any(n.endswith(".f0") for n in lossless):
+        return None
+    return dataset.segment_signals(model, {**values, **dataset.values(model), **lossless}, dataset.outputs)
+
+
+def residual_of(dataset, model, fit, parameters=None, part="all"):
+    """Residual of a model, shape (channels, samples), and the samples' indices in the log."""
+    problem = dataset.residuals(model, fit.free, {**fit.parameters, **(parameters or {})}, part)
+    view = dataset.view(part)
+    values = [(parameters or {}).get(n, v) for n, v in zip(fit.free, fit.values)]
+    return problem.residual(values), view.i if dataset.paired else view
+
+
+def envelope(time, values, pixels=PIXELS):
+    """A long signal as its smallest and largest value in every pixel, so that no peak gets lost.
+
+    Parameters
+    ----------
+    time, values : ndarray, shape (n,)
+        NaN where there is no value.
+    pixels : int
+
+    Returns
+    -------
+    time, values : ndarray, shape (m,)
+        The signal itself where it has no more than two samples a pixel.
+    """
+    n = len(time)
+    if n <= 2 * pixels:
+        return time, values
+    edges = np.linspace(0, n, pixels + 1).astype(int)[:-1]
+    low, high = (f.reduceat(values, edges) for f in (np.fmin, np.fmax))
+    return np.repeat(time[edges], 2), np.column_stack([low, high]).ravel()
+
+
+def _bins(values, count=BINS):
+    """Bin number of every sample, and edges: equally wide over what 99 % of the samples cover."""
+    low, high = np.quantile(values, [0.005, 0.995])
+    if not high > low:
+        low, high = values.min() - 0.5, values.max() + 0.5
+    edges = np.linspace(low, high, count + 1)
+    return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1), edges
+
+
+def binned(x, y, count=BINS):
+    """Mean and spread of y over bins of x.
+
+    Returns
+    -------
+    centre, mean, spread : ndarray, shape (bins that hold enough samples,)
+    """
+    where, edges = _bins(x, count)
+    number = np.bincount(where, minlength=count)
+    with _plain():
+        centre, mean = (np.bincount(where, v, count) / number for v in (x, y))
+        spread = np.sqrt(np.maximum(np.bincount(where, y ** 2, count) / number - mean ** 2, 0))
+    keep = number >= max(1, FULL * len(x) / count)
+    return centre[keep], mean[keep], spread[keep]
+
+
+def _segment_directions(dataset):
+    """Direction in (angle 1, angle 2) along which each segment stands still, from the log's own motion.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (2,)
+        By place.
+    """
+    rates = np.array([dataset.signals[f"der({n})"] for n in _angles(dataset)])
+    rows = np.linalg.lstsq(rates @ rates.T, rates @ dataset.speeds.T, rcond=None)[0].T
+    return {place: np.array([-row[1], row[0]]) / np.hypot(*row)
+            for place, row in zip(dataset.base.segments.values(), rows) if np.hypot(*row) > 0}
+
+
+def _angles(dataset):
+    return [k for k in dataset.known if k.endswith("phi") and k in dataset.measured]
+
+
+def _named(dataset, variable):
+    """Name that the log has for a variable."""
+    return next((n for n, c in dataset.study.columns.items() if c.variable == variable), variable)
+
+
+def _has_plane(dataset):
+    return not dataset.averaged and len(_angles(dataset)) == 2
+
+
+def _passes(dataset):
+    """Samples and label of each pass, in order of time."""
+    found = []
+    for s in contiguous(dataset.time, dataset.passes):
+        if dataset.passes[s.start] >= 0:
+            name = "" if dataset.labels is None else str(dataset.labels[(s.start + s.stop) // 2])
+            found.append((s, "" if name in ("rest", "transfer", "nan") else name))
+    return found
+
+
+def _window(dataset, residual, index, most=12):
+    """Slice of the log with every labelled manoeuvre once (else six passes), where the residual is largest."""
+    found = _passes(dataset)
+    energy = np.zeros(len(dataset.time))
+    np.add.at(energy, index, (residual ** 2).sum(0))
+    names = {n for _, n in found if n}
+    best = None
+    for k in range(len(found)):
+        seen, last = set(), None
+        for m in range(k, min(k + most, len(found))):
+            seen.add(found[m][1])
+            if (names <= seen) if names and len(names) <= most else m == k + 5:
+                last = m
+                break
+        if last is None or dataset.run[found[k][0].start] != dataset.run[found[last][0].start]:
+            continue
+        s = slice(found[k][0].start, found[last][0].stop)
+        mean = energy[s].sum() / max(1, dataset.moving[s].sum())
+        if best is None or mean > best[0]:
+            best = mean, s
+    return best[1] if best else slice(0, len(dataset.time))
+
+
+def _widened(dataset, window, margin=0.02):
+    """A window with a little of what is around it in the same run."""
+    extra = int(margin * (window.stop - window.start))
+    same = np.flatnonzero(dataset.run == dataset.run[window.start])
+    return slice(max(window.start - extra, same[0]), min(window.stop + extra, same[-1] + 1))
+
+
+# --- the figures ----------------------------------------------------------------------------------------------------
+
+
+@_styled
+def manoeuvres(dataset):
+    """The passes in motor space, with their directions; dashed, the lines on which a segment stands still.
+
+    The longest pass of each manoeuvre is named at its arrow; others are thin lines.
+    """
+    x, y = (dataset.measured[n] for n in _angles(dataset))
+    figure = Figure(figsize=(COLUMN, 3.0))
+    axes = figure.add_subplot()
+    longest = {}
+    for s, name in _passes(dataset):
+        axes.plot(*envelope(x[s], y[s], 100), color=GREY, lw=0.5, alpha=0.6, zorder=1)
+        length = np.hypot(x[s][-1] - x[s][0], y[s][-1] - y[s][0])
+        if name and length > longest.get(name, (0,))[0]:
+            longest[name] = length, s
+    size = max(np.ptp(x), np.ptp(y))
+    for k, (name, (_, s)) in enumerate(sorted(longest.items())):
+        _arrow(axes, x[s], y[s], (x[0], y[0]), name, 0.022 * size, TONES[(k // 2) % len(TONES)], LINES[k % 2])
+    start = x[0], y[0]
+    axes.plot(*start, "o", color="black", ms=4, zorder=5)
+    _still_lines(axes, dataset, start)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel(label(dataset, _named(dataset, _angles(dataset)[0])))
+    axes.set_ylabel(label(dataset, _named(dataset, _angles(dataset)[1])))
+    return figure
+
+
+def _arrow(axes, x, y, start, name, aside, color, line):
+    """A pass as an arrow beside its line, on the right of its direction, with its name."""
+    d = np.array([x[-1] - x[0], y[-1] - y[0]])
+    right = np.array([d[1], -d[0]]) / np.hypot(*d) * aside
+    a, b = (np.array([x[k], y[k]]) + right for k in (0, -1))
+    axes.annotate("", b - 0.04 * d, a + 0.04 * d, zorder=3,
+                  arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.2, "ls": line, "shrinkA": 0, "shrinkB": 0})
+    far = 0.7 if np.hypot(*(b - start)) > np.hypot(*(a - start)) else 0.3  # passes fan out from the start
+    axes.text(*(a + far * (b - a) + 2 * right), name, color=color, ha="center", va="center", fontsize=9, fontweight="bold")
+
+
+def _still_lines(axes, dataset, start):
+    """Lines through the start on which a segment stands still, named by segment."""
+    groups = {}
+    for place, d in _segment_directions(dataset).items():
+        d = d * (1 if d[np.argmax(np.abs(d))] > 0 else -1)
+        key = next((k for k in groups if np.allclose(k, d, atol=0.02)), tuple(d))
+        groups.setdefault(key, []).append(place)
+    axes.autoscale_view()
+    for d, places in groups.items():
+        axes.axline(start, (start[0] + d[0], start[1] + d[1]), color="black", lw=0.7, ls=(0, (5, 3)), zorder=0)
+    limits = axes.get_xlim(), axes.get_ylim()
+    axes.dataLim.update_from_data_xy(np.array(limits).T, ignore=False)
+    for d, places in groups.items():
+        text = f"{', '.join(places)} still{_equation(d)}"
+        reach = _reach(start, d, limits)
+        axes.text(start[0] + reach * d[0], start[1] + reach * d[1], text, fontsize=6.5, color="black", ha="center",
+                  va="center", rotation=np.degrees(np.arctan2(d[1], d[0])), rotation_mode="anchor", zorder=6,
+                  transform_rotates_text=True, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8})
+
+
+def _equation(d):
+    """The direction in words of the two speeds, where they are simple."""
+    simple = {(0, 1): r": $\dot\theta_1 = 0$", (1, 0): r": $\dot\theta_2 = 0$", (1, 1): r": $\dot\theta_1 = \dot\theta_2$"}
+    return simple.get(tuple(int(v) for v in np.round(np.array(d) / np.max(np.abs(d)), 2) if float(v).is_integer()), "")
+
+
+def _reach(start, d, limits):
+    """Distance along a line to most of the way to the border, on the longer side."""
+    ends = []
+    for sign in (1, -1):
+        steps = [(max(sign * c * e for e in lim) - sign * c * s) / (c * c) for s, c, lim in zip(start, d, limits)
+                 if abs(c) > 1e-6]
+        ends.append(sign * 0.72 * min(steps))
+    return max(ends, key=abs)
+
+
+@_styled
+def over_time(dataset, model, fit, other=None, window=None):
+    """Speeds, measured and modelled outputs, and what is left, over one set of manoeuvres.
+
+    The window is the set where the first model is worst. Grey: something stands still; hatched: a motor torque is
+    negative.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model, fit : Model, Fit
+    other : (Model, Fit), optional
+        The improved model.
+    window : slice, optional
+        Of the samples; the whole log with ``slice(None)``.
+    """
+    residual, index = residual_of(dataset, model, fit)
+    window = window or _widened(dataset, _window(dataset, residual, index))
+    window = slice(*window.indices(len(dataset.time)))
+    heights = [1] + ([1.6] if dataset.paired else [1.6, 1]) * len(dataset.outputs)
+    figure = Figure(figsize=(PAGE, 1.0 + 0.85 * sum(heights)))
+    axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+    _speeds(axes[0], dataset, window)
+    shown = [("friction model", RED, "-", model, fit)]
+    if other:
+        shown = [("without the effect", RED, "--", model, fit), ("with it", BLUE, "-", *other)]
+    lossless = ideal(dataset)
+    for k, channel in enumerate(dataset.outputs):
+        panels = [axes[1 + k]] if dataset.paired else axes[1 + 2 * k:3 + 2 * k]
+        _fitted(panels, dataset, channel, window, shown, lossless)
+    for panel in axes:
+        _zones(panel, dataset, window)
+        panel.yaxis.set_major_locator(MaxNLocator(4))
+        panel.margins(x=0)
+    _names(axes[0], dataset, window)
+    axes[-1].set_xlabel("Time [s]")
+    zones = [Patch(facecolor="0.87", label="a segment stands still")]
+    if (_negative(dataset) & dataset.moving)[window].any():
+        zones.append(Patch(facecolor="none", edgecolor="0.55", hatch="////", lw=0, label="a motor torque is negative"))
+    handles = [*axes[0].get_legend_handles_labels()[0], *axes[1].get_legend_handles_labels()[0], *zones]
+    figure.legend(handles=handles, loc="outside upper center", ncols=-(-len(handles) // 2), columnspacing=1.4)
+    figure.align_ylabels(axes)
+    return figure
+
+
+def _speeds(axes, dataset, window):
+    """Speeds of the motors."""
+    names = [k for k in dataset.signals if k.startswith("der(") and k.count("(") == 1] or list(dataset.signals)[:1]
+    for k, name in enumerate(names):
+        symbol = _symbol(dataset, _named(dataset, name[4:-1])).replace(r"\theta", r"\dot\theta")
+        text = symbol if symbol.startswith("$") else f"speed of {name[4:-1].removesuffix('.phi')}"
+        axes.plot(*envelope(dataset.time[window], dataset.signals[name][window]), color=("black", GREY)[k % 2], ls=LINES[k],
+                  label=text)
+    component = next(iter(dataset.base.segments))
+    axes.set_ylabel(f"Speed [{_pretty(dataset.base.flat.variables[f'{component}.w'].unit)}]")
+
+
+def _fitted(panels, dataset, channel, window, shown, lossless):
+    """An output measured, without losses, and by each model; below, what each model leaves."""
+    axes, time = panels[0], dataset.time[window]
+    if not dataset.paired:
+        measured = dataset.reference(channel)[window]
+        axes.plot(*envelope(time, measured), color="black", lw=1.8, label="measured")
+        panels[1].axhline(0, color="black", lw=0.4)
+        panels[1].set_ylabel(f"Error [{_pretty(unit_of(dataset, channel))}]")
+    if lossless is not None:
+        axes.plot(*envelope(time, lossless[channel][window]), color=GREY, ls=":", lw=0.9, label="without losses")
+    for name, color, line, model, fit in shown:
+        values = outputs(dataset, model, fit.parameters)[channel][window]
+        axes.plot(*envelope(time, values), color=color, ls=line, lw=0.8, label=name)
+        if not dataset.paired:
+            panels[1].plot(*envelope(time, measured - values), color=color, ls=line, lw=0.5)
+    axes.set_ylabel(_capital(label(dataset, channel)))
+
+
+def _negative(dataset):
+    """Samples where a measured motor torque is negative."""
+    torques = [dataset.signals[k] for k in dataset.known if k in dataset.signals and k.endswith("tau")]
+    return np.any([t < 0 for t in torques], axis=0) if torques else np.zeros(len(dataset.time), bool)
+
+
+def _zones(axes, dataset, window):
+    """Grey and hatched zones behind a panel."""
+    time, limits = dataset.time[window], axes.get_ylim()
+    axes.fill_between(time, 0, 1, where=~dataset.moving[window], transform=axes.get_xaxis_transform(), color="0.87",
+                      lw=0, zorder=0, step="mid")
+    where = (_negative(dataset) & dataset.moving)[window]
+    if where.any():
+        axes.fill_between(time, 0, 1, where=where, transform=axes.get_xaxis_transform(), facecolor="none",
+                          edgecolor="0.75", hatch="////", lw=0, zorder=0, step="mid")
+    axes.set_ylim(limits)
+
+
+def _names(axes, dataset, window):
+    """Names of the passes above a panel, while there is room for them."""
+    found = [((s.start + s.stop) // 2, name) for s, name in _passes(dataset) if name]
+    inside = [(dataset.time[k], name) for k, name in found if window.start <= k < window.stop]
+    if len(inside) <= 24:
+        for time, name in inside:
+            axes.text(time, 1.02, name, ha="center", va="bottom", transform=axes.get_xaxis_transform(), fontsize=8)
+
+
+@_styled
+def where_it_fails(dataset, model, fit, floor=None):
+    """Error by manoeuvre, and by branch of every segment (direct: power flows to the joint; reverse: back).
+
+    Dotted: the noise floor of each channel.
+    """
+    residual, index = residual_of(dataset, model, fit)
+    floor = floor or noise_floor(dataset, model, fit)
+    panels = []
+    if dataset.labels is not None and len(np.unique(dataset.labels[index])) > 1:
+        panels.append(("Manoeuvre", _rmse(residual, dataset.labels[index].astype(str))))
+    split = {}
+    for place, branch in branches(dataset, model, fit).items():
+        for name, values in _rmse(residual, branch[index].astype(str)).items():
+            split[f"{place}\n{name}"] = values
+    if split:
+        panels.append(("Branch of segment", split))
+    panels = panels or [("Run", _rmse(residual, np.array([log.name for log in dataset.logs])[dataset.run[index]]))]
+    widths = [max(2, len(values)) for _, values in panels]
+    wide = PAGE if sum(widths) > 6 else COLUMN
+    figure = Figure(figsize=(wide, 2.1))
+    axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True, width_ratios=widths))
+    for panel, (name, groups) in zip(axes, panels):
+        _bars(panel, dataset, groups, floor)
+        panel.set_xlabel(f"{name} [-]")
+    axes[0].set_ylabel(f"RMSE [{_units(dataset)}]")
+    handles = dict(zip(*reversed(axes[0].get_legend_handles_labels())))
+    names = sorted(handles, key=lambda n: n.startswith("noise"))
+    figure.legend([handles[n] for n in names], names, loc="outside upper center", ncols=4)
+    return figure
+
+
+def _units(dataset):
+    return ", ".join(dict.fromkeys(_pretty(unit_of(dataset, c)) for c in dataset.channels))
+
+
+def _rmse(residual, names):
+    with _plain():
+        return {n: np.sqrt(np.mean(residual[:, names == n] ** 2, axis=1)) for n in np.unique(names)}
+
+
+def _bars(axes, dataset, groups, floor):
+    """One group of bars a label, one bar a channel."""
+    count = len(dataset.channels)
+    for k, channel in enumerate(dataset.channels):
+        at = np.arange(len(groups)) + (k - (count - 1) / 2) * 0.8 / count
+        axes.bar(at, [v[k] for v in groups.values()], 0.8 / count, color=("0.35", "white")[k % 2], edgecolor="black",
+                 lw=0.6, hatch=HATCHES[k], label=_symbol(dataset, channel))
+    for k, channel in enumerate(dataset.channels):
+        axes.axhline(floor[channel], color=TONES[k], ls=(":", "--")[k % 2], lw=1.2,
+                     label=f"noise floor of {_symbol(dataset, channel)}")
+    axes.set_xticks(range(len(groups)), list(groups), fontsize=6.5 if len(groups) < 14 else 5)
+    axes.set_xlim(min(-0.6, -1.5 + 0.3 * len(groups)), max(len(groups) - 0.4, 0.7 * len(groups) + 0.5))
+    axes.tick_params(axis="x", length=0)
+
+
+@_styled
+def residuals(dataset, model, fit, floor=None):
+    """Residual against speed, load, angle, time since reversal and time.
+
+    Of each kind the variable with the strongest dependence is shown. Mean and standard deviation in bins, apart for the
+    two directions of the segment named in the legend; grey band: the noise floor.
+    """
+    residual, index = residual_of(dataset, model, fit)
+    floor = floor or noise_floor(dataset, model, fit)
+    known = explanations(dataset, model, fit, index)
+    forward, name = _direction(dataset, residual, known)
+    shown = _strongest(dataset, residual, known, forward)
+    count = len(shown)
+    figure = Figure(figsize=(max(COLUMN, PAGE * count / 5), 1.35 * len(dataset.channels) + 0.75))
+    axes = figure.subplots(len(dataset.channels), count, sharex="col", sharey="row", squeeze=False)
+    for c, channel in enumerate(dataset.channels):
+        for panel, variable in zip(axes[c], shown):
+            _scatter(panel, known[variable], residual[c], forward, floor[channel], name)
+            if c == len(dataset.channels) - 1:
+                panel.set_xlabel(_capital(label(dataset, variable)))
+        axes[c, 0].set_ylabel(f"Residual of {_symbol(dataset, channel)} [{_pretty(unit_of(dataset, channel))}]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _direction(dataset, residual, known):
+    """Samples in which the segment whose speed matters most goes forward, and its place."""
+    speeds = [n for n in known if n.startswith("speed@")]
+    if not speeds:
+        return np.ones(residual.shape[1], bool), ""
+    best = max(speeds, key=lambda n: _share(known[n], residual, np.ones(residual.shape[1], bool)))
+    return known[best] > 0, best.partition("@")[2]
+
+
+def _share(values, residual, forward):
+    """Share of the residual's energy that bins of a variable explain, apart for two directions."""
+    explained = 0.0
+    for where in (forward, ~forward):
+        if where.sum() > 2 * BINS:
+            bins, _ = _bins(values[where])
+            number = np.maximum(np.bincount(bins, minlength=BINS), 1)
+            for r in residual:
+                explained += np.sum(np.bincount(bins, r[where], BINS) ** 2 / number) / np.sum(r ** 2)
+    return explained
+
+
+def _strongest(dataset, residual, known, forward):
+    """Of each kind of variable, the one that the residual depends on most."""
+    angles = [_named(dataset, a) for a in _angles(dataset)]
+    kinds = [[n for n in known if n.startswith("speed@")], [n for n in known if n.startswith("load@")],
+             [n for n in known if n in angles], ["time_since_reversal"], ["time"], ["temperature"]]
+    kinds = [[n for n in kind if n in known] for kind in kinds]
+    shown = [max(kind, key=lambda n: _share(known[n], residual, forward)) for kind in kinds if kind]
+    return shown[:5] or list(known)[:1]
+
+
+def _scatter(axes, x, y, forward, floor, name):
+    axes.axhspan(-floor, floor, color="0.87", lw=0, zorder=0, label="noise floor")
+    axes.axhline(0, color="black", lw=0.4, zorder=0)
+    for k, (text, where) in enumerate((("forward", forward), ("backward", ~forward))):
+        if where.sum() > 10:
+            centre, mean, spread = binned(x[where], y[where])
+            axes.errorbar(centre, mean, spread, color=(BLUE, RED)[k], ls=LINES[k], lw=0.8, marker="o^"[k], ms=2.8,
+                          mfc=(BLUE, "white")[k], elinewidth=0.4, label=f"{name} {text}" if name else "all samples")
+    axes.xaxis.set_major_locator(MaxNLocator(4))
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+
+
+@_styled
+def signature(dataset, before, after, key):
+    """What a missing effect looks like: before and after it is added, against the variable it depends on.
+
+    Left: root mean square of the residual. Right: what is missing at the effect's place, that is the residual's share in
+    the direction of a torque there; points before, with the fitted effect as a line, and after.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    before, after : (Model, Fit)
+    key : (str, str)
+        Effect and place.
+    """
+    missing = _missing_torque(dataset, before, after, key)
+    residual, index = residual_of(dataset, *before, part="fit")
+    left, _ = residual_of(dataset, *after, part="fit")
+    known = explanations(dataset, *after, index)
+    known.update(_cycle(dataset, after, key, index))
+    variable = _depends(known, missing, residual)
+    figure = Figure(figsize=(PAGE if missing else COLUMN, 2.2))
+    axes = np.atleast_1d(figure.subplots(1, 2 if missing else 1))
+    for c, channel in enumerate(dataset.channels):
+        for k, (values, text) in enumerate(((residual, "without the effect"), (left, "with it"))):
+            centre, mean, _ = binned(known[variable], values[c] ** 2, 2 * BINS)
+            axes[0].plot(centre, np.sqrt(mean), color=(RED, BLUE)[k], ls=LINES[c], marker=MARKERS[c],
+                         mfc=("white", (RED, BLUE)[k])[k], label=f"{_symbol(dataset, channel)} {text}")
+    axes[0].set_ylim(bottom=0)
+    axes[0].set_ylabel(f"RMSE [{_units(dataset)}]")
+    if missing:
+        _partial(axes[1], known[variable], missing)
+        axes[1].set_ylabel(f"{_kind(missing['probe'])} {missing['place']} [{_pretty(missing['unit'])}]")
+    for panel in axes:
+        panel.set_xlabel(_capital(_variable_label(dataset, variable)))
+        panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2 if panel is axes[0] else 3, columnspacing=1.2)
+    return figure
+
+
+def _variable_label(dataset, variable):
+    return "angle within a cycle [rad]" if variable == "cycle" else label(dataset, variable)
+
+
+def _kind(probe):
+    return "Missing friction of" if probe.endswith("dF") else "Missing torque of"
+
+
+def _cycle(dataset, after, key, index):
+    """Angle within one cycle, for an effect that repeats over the angle."""
+    model, fit = after
+    effect, place = next((e, p) for e, p in model.attached if (e.id, p.name) == tuple(key))
+    cycles = [c for c, kind in effect.scan.items() if kind == "cycles"]
+    angle = dataset.signals.get(f"{place.components[0]}.phi")
+    if not cycles or angle is None:
+        return {}
+    n = fit.parameters[f"{component_name(effect, place)}.{cycles[0]}"]
+    return {"cycle": np.mod(angle[index], 2 * np.pi / n)}
+
+
+def _missing_torque(dataset, before, after, key):
+    """Residual with and without an effect, all else equal, and the fitted effect, in the direction of a torque at its place.
+
+    Returns
+    -------
+    dict or None
+        ``without``, ``with``, ``effect`` and ``drive``, each summed over the channels with their weights, shape (n,); the
+        first three are to be divided by the sum of the last. None where the rig has no port at that place.
+    """
+    model, fit = after
+    effect, place = next((e, p) for e, p in model.attached if (e.id, p.name) == tuple(key))
+    attached = [(e.id, p.name) for e, p in model.attached]
+    probes = compile_model(dataset.library, model.rig, attached, True)
+    names = [n for n in probes.parameters for c in place.components
+             if n in (f"probe_{c}.dF", f"probe_{c}.dtau")]
+    if not names:
+        return None
+    others = {n: v for n, v in fit.parameters.items() if n in before[1].parameters}
+    full, _ = residual_of(dataset, *before, others, "fit")
+    left, _ = residual_of(dataset, model, fit, None, "fit")
+    parameters = {**{n: v.value for n, v in probes.parameters.items()}, **fit.parameters}
+    problem = dataset.residuals(probes, names[:1], parameters, "fit", dataset.exogenous())
+    drive = np.concatenate([j[:, 0] for _, _, j in problem.blocks([0.0])], axis=1)
+    w = fit.weights[:, None] ** 2
+    return {"without": (w * drive * full).sum(0), "with": (w * drive * left).sum(0),
+            "effect": (w * drive * (full - left)).sum(0), "drive": (w * drive ** 2).sum(0), "probe": names[0],
+            "place": dict(dataset.base.segments).get(place.components[0], place.components[0]),
+            "unit": probes.parameters[names[0]].unit}
+
+
+def _depends(known, missing, residual):
+    """Variable whose bins explain the effect best, or the residual where the effect has no port."""
+    def share(values):
+        bins, _ = _bins(values, 2 * BINS)
+        if missing is None:
+            return _share(values, residual, np.ones(len(values), bool))
+        top, size = (np.bincount(bins, missing[k], 2 * BINS) for k in ("effect", "drive"))
+        return np.sum(top ** 2 / np.maximum(size, 1e-300))
+    return max((n for n in known if not n.startswith("acceleration@")), key=lambda n: share(known[n]))
+
+
+def _partial(axes, x, missing):
+    bins, _ = _bins(x, 2 * BINS)
+    number = np.bincount(bins, minlength=2 * BINS)
+    keep = number >= max(1, FULL * len(x) / (2 * BINS))
+    with _plain():
+        centre = (np.bincount(bins, x, 2 * BINS) / number)[keep]
+        size = np.bincount(bins, missing["drive"], 2 * BINS)
+        value = {k: (np.bincount(bins, missing[k], 2 * BINS) / size)[keep] for k in ("without", "with", "effect")}
+    axes.axhline(0, color="black", lw=0.4)
+    axes.plot(centre, value["without"], "o", color=RED, mfc="white", label="without the effect")
+    axes.plot(centre, value["effect"], "-", color="black", label="fitted effect")
+    axes.plot(centre, value["with"], "s", color=BLUE, ms=2.8, label="with it")
+
+
+@_styled
+def ladder(improvement, dataset):
+    """Error at every step of the search, on the fitted and on the held-out passes; dotted: the noise floor."""
+    steps, floor = improvement.steps, improvement.last.noise_floor
+    figure = Figure(figsize=(COLUMN if len(steps) < 4 else 0.75 * PAGE, 2.3))
+    axes = figure.subplots()
+    at = np.arange(len(steps))
+    for c, channel in enumerate(dataset.channels):
+        for k, (kind, text) in enumerate((("error", "fit"), ("held_out_error", "held out"))):
+            values = [getattr(s, kind).get(channel, np.nan) for s in steps]
+            if np.isfinite(values).any():
+                axes.plot(at + 0.06 * (c - 0.5) * (len(dataset.channels) > 1), values, color=TONES[c], ls=LINES[k],
+                          marker=MARKERS[c], mfc=(TONES[c], "white")[k], zorder=3 - k, ms=(3.5, 5.5)[k],
+                          label=f"{_symbol(dataset, channel)} {text}")
+        axes.axhline(floor[channel], color=TONES[c], ls=":", lw=1.0, label=f"{_symbol(dataset, channel)} noise floor")
+    names = ["base"] + [f"+ {s.added[0].replace('_', ' ')}\nat {s.added[1]}" for s in steps[1:]]
+    axes.set_xticks(at, names, fontsize=6.5)
+    axes.set_xlim(-0.4, len(steps) - 0.6)
+    axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
+    axes.set_xlabel("Model [-]")
+    axes.set_ylabel(f"RMSE [{_units(dataset)}]")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=len(dataset.channels),
+                  columnspacing=1.5)
+    return figure
+
+
+@_styled
+def candidates(diagnosis, most=10):
+    """The candidates that promise the largest fall of the error, and their family-wise p-values.
+
+    Dark: accepted; hatched: not to be told from it on these data.
+    """
+    falls = {f.key: _fall(diagnosis.error, f.predicted_error) for f in diagnosis.candidates}
+    shown = sorted(diagnosis.candidates, key=lambda f: (-f.accepted, -falls[f.key]))[:most]
+    twins = {(t["effect"], t["place"]) for f in diagnosis.candidates if f.accepted for t in f.twins}
+    figure = Figure(figsize=(COLUMN, 0.6 + 0.19 * max(3, len(shown))))
+    axes = figure.subplots()
+    for k, f in enumerate(shown):
+        value = max(0.0, 100 * falls[f.key])
+        axes.barh(k, value, 0.7, color="0.25" if f.accepted else "0.8", edgecolor="black", lw=0.5,
+                  hatch="////" if f.key in twins else "")
+        axes.text(value + 1, k, f"$p$ {_p(f.p_value)}", va="center", fontsize=6.5)
+    axes.set_yticks(range(len(shown)), [f"{f.effect.replace('_', ' ')} at {f.place}" for f in shown], fontsize=7)
+    axes.tick_params(axis="y", length=0)
+    axes.invert_yaxis()
+    axes.set_xlim(0, max(10.0, 125 * max(falls.values(), default=0)))
+    axes.set_xlabel("Predicted fall of the error [%]")
+    axes.set_ylabel("Candidate [-]")
+    return figure
+
+
+def _fall(before, after):
+    """Share by which the error falls, over all channels."""
+    keys = [c for c in before if c in after]
+    return 1 - np.sqrt(np.mean([after[c] ** 2 / before[c] ** 2 for c in keys])) if keys else 0.0
+
+
+def _p(value):
+    return "< 0.001" if value < 1e-3 else f"= {value:.2g}"
+
+
+# --- files ----------------------------------------------------------------------------------------------------------
+
+
+@_styled
+def save(figure, folder, name):
+    """Write a figure as PDF, and as PNG for a quick look."""
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
+    figure.set_layout_engine("none")  # laid out already
+    figure.savefig(folder / f"{name}.png", dpi=170, metadata={"Software": None})
+
+
+def write_comparison(folder, dataset, model, fit, other=None):
+    """Figures of a comparison, into ``folder / "figures"``.
+
+    Parameters
+    ----------
+    folder : Path
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    other : (Model, Fit), optional
+        A second model to draw over time.
+    """
+    folder = folder / "figures"
+    floor = noise_floor(dataset, model, fit)
+    if _has_plane(dataset):
+        save(manoeuvres(dataset), folder, "manoeuvres")
+    if not dataset.averaged:
+        save(over_time(dataset, model, fit, other), folder, "over_time")
+    save(where_it_fails(dataset, model, fit, floor), folder, "where_it_fails")
+    save(residuals(dataset, model, fit, floor), folder, "residuals")
+
+
+def write_figures(folder, dataset, improvement):
+    """Figures of a search, into ``folder / "figures"``.
+
+    Parameters
+    ----------
+    folder : Path
+    dataset : Dataset
+    improvement : Improvement
+    """
+    base, last = improvement.steps[0], improvement.steps[-1]
+    more = len(improvement.steps) > 1
+    write_comparison(folder, dataset, base.model, base.fit, (last.model, last.fit) if more else None)
+    folder = folder / "figures"
+    save(candidates(improvement.first), folder, "candidates")
+    save(ladder(improvement, dataset), folder, "ladder")
+    if more:
+        for before, after in zip(improvement.steps, improvement.steps[1:]):
+            name = "signature" if len(improvement.steps) == 2 else f"signature_{after.added[0]}_{after.added[1]}"
+            save(signature(dataset, (before.model, before.fit), (after.model, after.fit), after.added), folder, name)
+        save(residuals(dataset, last.model, last.fit, improvement.last.noise_floor), folder, "residuals_after")
