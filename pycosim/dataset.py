@@ -60,17 +60,21 @@ class Dataset:
 
     def _choose_question(self):
         have = {v for log in self.logs for v in log.signals}
-        forms = self.base.alternatives("estimate")
-        self.paired = False
-        for form, (wanted, known) in enumerate(forms):
-            if all(w in have for w in wanted):
-                self.form, self.outputs, self.known = form, wanted, known
-                break
-        else:
-            self.form, (self.outputs, self.known) = 0, forms[0]
-            self.paired = self.study.reference != "gravity_model"
-        self.question = self.base.question("estimate", self.form)
-        self.channels = [f"{c}_pair" for c in self.outputs] if self.paired else list(self.outputs)
+        self.asked, forms = "estimate", self.base.alternatives("estimate")
+        self.form = next((k for k, (wanted, _) in enumerate(forms) if all(w in have for w in wanted)), None)
+        balanced = self.form is None and self.study.reference == "gravity_model"
+        self.paired = self.form is None and not balanced
+        self.form = self.form or 0
+        named = forms[self.form][0]
+        if balanced:  # what the leg's model asks for beyond the transmission's torque is the error
+            self.asked, forms = "balance", self.base.alternatives("balance")
+        self.outputs, self.known = forms[self.form]
+        self.question = self.ask(self.base)
+        self.channels = [f"{c}_pair" for c in named] if self.paired else list(named)
+
+    def ask(self, model):
+        """The question that a model of this rig is asked about these data."""
+        return model.question(self.asked, self.form)
 
     def _gather(self):
         mapped = {c.variable for c in self.study.columns.values()}
@@ -111,7 +115,7 @@ class Dataset:
         -------
         dict of str to ndarray, shape (n,)
         """
-        question = model.question("estimate", self.form)
+        question = self.ask(model)
         names = [n for n in names if n in question.outputs]
         if states is None:
             states = self.states(model, parameters)[0]
@@ -128,7 +132,7 @@ class Dataset:
         The segments' own states are at their sliding limit, the sign of the speed, which holds on moving samples; the
         states of effects are followed along the log, from what the angles moved between samples.
         """
-        question = model.question("estimate", self.form)
+        question = self.ask(model)
         own = [f"{c}.z" for c in model.segments]
         followed = [s for s in question.states if s not in own]
         states, sensitivities = np.zeros((len(question.states), len(self.time))), np.zeros(
@@ -178,7 +182,7 @@ class Dataset:
         -------
         ndarray, shape (channels, n)
         """
-        question = model.question("estimate", self.form).select(self.outputs)
+        question = self.ask(model).select(self.outputs)
         u, x, p = question.symbols()
         y = question.output(u, x, p)
         noisy = [k for k in self.known if k in self.signals and k in question.inputs and not k.endswith((".phi", ".w"))]
@@ -300,7 +304,7 @@ class Dataset:
         -------
         Residuals
         """
-        question = model.question("estimate", self.form)
+        question = self.ask(model)
         view = self.view(part)
         picks = self._picks(view)
         index = picks[0][1]
@@ -330,17 +334,8 @@ class Dataset:
         return [(0.5, view.i, lambda v: view.at(v)[0]), (-0.5, view.i, lambda v: view.at(v)[1])]
 
     def reference(self, channel):
-        """Measured (or, with a gravity model, computed) values of a channel at every sample."""
-        if channel in self.measured:
-            return self.measured[channel]
-        if not hasattr(self, "_gravity"):
-            question = self.base.question("gravity_model")
-            parameters = {**{n: v.value for n, v in self.base.parameters.items()}, **self.values(self.base)}
-            chosen = question.select(self.outputs)
-            arguments = [self.signals.get(n, 0.0) for n in chosen.inputs] + [0.0] * len(chosen.states) + [
-                parameters[n] for n in chosen.parameters]
-            self._gravity = dict(zip(self.outputs, ArrayFunction(chosen.output)(arguments, len(self.time))))
-        return self._gravity[channel]
+        """Measured values of a channel at every sample; zero where the error itself is modelled."""
+        return self.measured.get(channel, np.zeros(len(self.time)))
 
     # ---- parameters
 

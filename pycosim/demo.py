@@ -28,11 +28,11 @@ MACHINE = {  # Nobili et al., identified friction of the hip-knee actuation; f0 
     "s1B.f0": 0.001, "s1B.mu": 0.99, "s2B.f0": 0.014, "s2B.mu": 0.97,
 }
 RIGID = {f"s{p}.travel": 1e-5 for p in ("1A", "2A", "1B", "2B")}  # slides at once [rad]; else presliding is a second effect
-SPEEDS = 0.2, 0.5, 1.2, 2.4  # of the faster motor [rad/s]
+SPEEDS = 0.2, 0.4, 0.8, 1.6, 2.4  # of the faster motor [rad/s]
 LINES = {"A": (1.0, -1.0), "C": (1.0, 0.5), "E": (0.5, 1.0)}  # directions in (theta1, theta2); back: B, D, F
 BACK = {"A": "B", "C": "D", "E": "F"}
 START = 0.76, 26.5  # motor angles where all lines begin [rad]
-TRAVEL, LONGEST = 12.8, 4.5  # of the faster motor along a line [rad], and of a pass [s]
+TRAVEL, LONGEST = 12.8, 3.5  # of the faster motor along a line [rad], and of a pass [s]
 RATE, DWELL, ACCELERATION = 100.0, 0.4, 8.0  # Hz, s, rad/s2
 REPEATS = 2
 QUANTUM = 2 * np.pi / 2 ** 14  # encoder step [rad]
@@ -91,7 +91,7 @@ def run(out=None, quiet=False, progress=None):
         library = Library()
         progress("making a log")
         _make(library, folder)
-        say("1. A log of a hip-knee actuation: six manoeuvres out and back, four speeds, twice. The machine has an effect",
+        say("1. A log of a hip-knee actuation: six manoeuvres out and back, five speeds, twice. The machine has an effect",
             "   that its model lacks.", "")
         study = load_study(folder.file("study.toml"))
         progress("reading the log")
@@ -215,13 +215,13 @@ def _noise(rng, n):
     return slow + WHITE * rng.standard_normal(n)
 
 
-def _make(library, folder, seed=1):
-    """Log, study, and what is hidden."""
+def _make(library, folder, seed=1, **options):
+    """Log, study, and what is hidden; options of `motion`."""
     effect, place, coefficients = HIDDEN
     machine = compile_model(library, RIG, [(effect, place)])
     name = component_name(*machine.attached[0])
     parameters = {**MACHINE, **RIGID, **{f"{name}.{c}": v for c, v in coefficients.items()}}
-    log = record(machine, parameters, np.random.default_rng(seed))
+    log = record(machine, parameters, np.random.default_rng(seed), **options)
     log.to_csv(folder.file("run.csv"), index=False, float_format="%.9g")
     lines = [f'"{n}" = {{ value = {0.05 if n.endswith("f0") else 0.95}, fixed = false }}' for n in MACHINE]
     folder.write("study.toml", STUDY.format(rig=RIG, parameters="\n".join(lines)))

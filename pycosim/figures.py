@@ -374,7 +374,7 @@ def over_time(dataset, model, fit, other=None, window=None):
     _speeds(axes[0], dataset, window)
     shown = [("friction model", RED, "-", model, fit)]
     if other:
-        shown = [("without the effect", RED, "--", model, fit), ("with it", BLUE, "-", *other)]
+        shown = [("base model", RED, "--", model, fit), ("improved model", BLUE, "-", *other)]
     lossless = ideal(dataset)
     for k, channel in enumerate(dataset.outputs):
         panels = [axes[1 + k]] if dataset.paired else axes[1 + 2 * k:3 + 2 * k]
@@ -503,7 +503,8 @@ def _bars(axes, dataset, groups, floor):
         axes.axhline(floor[channel], color=TONES[k], ls=(":", "--")[k % 2], lw=1.2,
                      label=f"noise floor of {_symbol(dataset, channel)}")
     axes.set_xticks(range(len(groups)), list(groups), fontsize=6.5 if len(groups) < 14 else 5)
-    axes.set_xlim(min(-0.6, -1.5 + 0.3 * len(groups)), max(len(groups) - 0.4, 0.7 * len(groups) + 0.5))
+    margin = 0.6 if len(groups) > 2 else 1.2
+    axes.set_xlim(-margin, len(groups) - 1 + margin)
     axes.tick_params(axis="x", length=0)
 
 

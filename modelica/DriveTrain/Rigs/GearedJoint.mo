@@ -28,5 +28,6 @@ equation
     estimate="C from motor.phi motor.tau; motor.tau from motor.phi push",
     compensate="motor.tau from motor.phi C",
     gravity_model="C from motor.phi push",
+    balance="push from motor.phi motor.tau",
     simulate="q C motor.phi from tau push"));
 end GearedJoint;

@@ -1,0 +1,1 @@
+"""Ratios of time against a named alternative in the same run."""

@@ -1,0 +1,121 @@
+"""Claims about figures: axes say what they show and in which unit, no peak of a long log is lost, files are written."""
+
+import re
+
+import numpy as np
+import pytest
+
+from pycosim import demo, figures, identify, results
+from pycosim.compile import Library
+from pycosim.dataset import Dataset
+from pycosim.diagnose import diagnose
+from pycosim.improve import Improvement, step_of
+from pycosim.study import load_study
+
+SHORT = {"speeds": (0.4, 1.6), "longest": 2.0}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """A short log of the demo's machine."""
+    library = Library()
+    with results.Folder(tmp_path_factory.mktemp("figures") / "study", "demo") as folder:
+        demo._make(library, folder, **SHORT)
+    return Dataset(load_study(folder.path / "study.toml"), library)
+
+
+@pytest.fixture(scope="module")
+def improvement(dataset):
+    """The hidden effect added."""
+    base = identify.fit(dataset, dataset.base)
+    first = diagnose(dataset, dataset.base, base)
+    effect, place, _ = demo.HIDDEN
+    from pycosim.compile import compile_model
+    larger = compile_model(dataset.library, dataset.study.rig, [(effect, place)])
+    fit = next(f.fit for f in first.candidates if f.key == (effect, place))
+    steps = [step_of(dataset, dataset.base, base), step_of(dataset, larger, fit, (effect, place))]
+    return Improvement(first, first, steps)
+
+
+def _all(dataset, improvement):
+    base, last = ((s.model, s.fit) for s in improvement.steps)
+    return {
+        "manoeuvres": figures.manoeuvres(dataset), "over_time": figures.over_time(dataset, *base, last),
+        "where_it_fails": figures.where_it_fails(dataset, *base), "residuals": figures.residuals(dataset, *base),
+        "signature": figures.signature(dataset, base, last, improvement.steps[1].added),
+        "ladder": figures.ladder(improvement, dataset), "candidates": figures.candidates(improvement.first)}
+
+
+def test_every_axis_has_a_label_with_a_unit_and_no_figure_a_title(dataset, improvement):
+    for name, figure in _all(dataset, improvement).items():
+        assert figure.get_size_inches()[0] <= figures.PAGE
+        for axes in figure.axes:
+            assert not axes.get_title() and not figure.get_suptitle(), name
+            bottom, left = axes.get_subplotspec().is_last_row(), axes.get_subplotspec().is_first_col()
+            for text, needed in ((axes.get_xlabel(), bottom), (axes.get_ylabel(), left)):
+                assert not needed or re.search(r"\[.+\]$", text), f"{name}: '{text}'"
+
+
+def test_curves_differ_without_colour(dataset, improvement):
+    for name, figure in _all(dataset, improvement).items():
+        for axes in figure.axes:
+            named = [line for line in axes.get_lines() if not line.get_label().startswith("_")]
+            looks = [(line.get_linestyle(), line.get_marker(), line.get_markerfacecolor() == "white",
+                      line.get_linewidth()) for line in named if "floor" not in line.get_label()]
+            assert len(set(looks)) == len(looks), f"{name}: {looks}"
+
+
+def test_signature_shows_the_hidden_effect_against_its_speed(dataset, improvement):
+    base, last = ((s.model, s.fit) for s in improvement.steps)
+    figure = figures.signature(dataset, base, last, improvement.steps[1].added)
+    assert figure.axes[0].get_xlabel() == "Speed of 2A [rad/s]"
+    lines = {line.get_label(): line for line in figure.axes[1].get_lines()}
+    missing, left = (np.asarray(lines[k].get_ydata()) for k in ("without the effect", "with it"))
+    speed = np.abs(lines["fitted effect"].get_xdata())
+    _, _, hidden = demo.HIDDEN
+    truth = hidden["fs"] * np.exp(-(speed / hidden["ws"]) ** 2)
+    assert np.abs(missing - truth).max() < 0.15 * hidden["fs"]
+    assert np.abs(left).max() < 0.1 * hidden["fs"]
+
+
+def test_still_lines_follow_from_the_motion(dataset):
+    found = figures._segment_directions(dataset)
+    for place, (x, y) in {"1A": (0, 1), "2A": (1, 0), "1B": (1, 1), "2B": (1, 1)}.items():
+        assert abs(found[place][0] * y - found[place][1] * x) < 1e-3 * np.hypot(x, y)
+
+
+def test_a_long_signal_keeps_its_peaks():
+    time = np.linspace(0, 100, 200_000)
+    values = np.sin(time)
+    values[77_777], values[123_456], values[5:500] = 9.0, -9.0, np.nan
+    t, v = figures.envelope(time, values)
+    assert len(t) == len(v) <= 2 * figures.PIXELS and np.nanmax(v) == 9.0 and np.nanmin(v) == -9.0
+    short = figures.envelope(time[:100], values[:100])
+    np.testing.assert_array_equal(short[1], values[:100])
+
+
+def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
+    figures.write_figures(tmp_path, dataset, improvement)
+    written = {p.name for p in (tmp_path / "figures").iterdir()}
+    for name in ("manoeuvres", "over_time", "where_it_fails", "residuals", "signature", "ladder", "candidates"):
+        assert {f"{name}.pdf", f"{name}.png"} <= written
+    assert all(p.stat().st_size > 5000 for p in (tmp_path / "figures").iterdir())
+
+
+def test_drawing_leaves_the_users_settings_alone(dataset):
+    import matplotlib as mpl
+    before = dict(mpl.rcParams)
+    figures.manoeuvres(dataset)
+    assert dict(mpl.rcParams) == before
+
+
+def test_a_log_without_reference_or_labels_is_drawn_too(dataset, tmp_path):
+    import pandas as pd
+    log = pd.read_csv(dataset.logs[0].path).drop(columns=["C_H", "C_K", "manoeuvre"])
+    log.to_csv(tmp_path / "run.csv", index=False)
+    text = dataset.study.path.read_text().replace('"gravity_model"', '"unknown"')
+    (tmp_path / "study.toml").write_text(text)
+    other = Dataset(load_study(tmp_path / "study.toml"), dataset.library)
+    assert other.paired
+    figures.write_comparison(tmp_path, other, other.base, identify.fit(other, other.base))
+    assert (tmp_path / "figures" / "residuals.pdf").exists()
