@@ -235,6 +235,11 @@ class Table:
 
     def scan_values(self, component):
         """Grids for coefficients that vanish with their effect, from what the data cover."""
+        if component not in self._grids:
+            self._grids[component] = self._scan_values(component)
+        return self._grids[component]
+
+    def _scan_values(self, component):
         view = self.takes[0]
         time = self.time
         values = {"time": np.geomspace(max(np.ptp(time) / 40, 0.5), max(2 * np.ptp(time), 1.0), 7),
@@ -246,11 +251,11 @@ class Table:
             values["speed"] = np.geomspace(max(low / 2, 1e-3), max(1.5 * high, 2e-3), 9)
             path = np.bincount(np.unique(self.group, return_inverse=True)[1],
                                np.abs(speed[::self.thin]) * np.gradient(time).clip(0, 1))
-            values["travel"] = np.geomspace(5e-4, max(np.median(path) / 2, 8e-3), 12)
+            values["travel"] = np.geomspace(5e-4, max(np.median(path) / 2, 8e-3), 10)
         return values
 
     def _columns(self):
-        self.contributions = {}
+        self.contributions, self._grids = {}, {}
         self.columns, self.candidates, index = [], [], {}
         self.matrix = []
         for effect, place in self.offers:

@@ -128,7 +128,7 @@ def dependence(dataset, model, fit, seed=0):
     residual = dataset.residuals(model, fit.free, fit.parameters, "fit").residual(fit.values)
     view = dataset.view("fit")
     index = view.i if dataset.paired else view
-    thin = max(1, problem.n // 100000)
+    thin = max(1, problem.n // 30000)
     problem, index, residual = problem.thin(thin), index[::thin], residual[:, ::thin]
     x = [*fit.values, *np.zeros(len(names))]
     slope = np.concatenate([j[:, len(fit.free):] for _, _, j in problem.blocks(x)], axis=2)

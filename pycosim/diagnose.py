@@ -101,12 +101,14 @@ class Scores:
     def _noise(self):
         """Noise of each channel after the few columns that explain most: a missing effect is not noise."""
         t = self.table
+        few = max(1, len(t.time) // 10000)  # enough to choose by
         stacks = [self._stack(c) for c in range(len(t.channels))]
-        gram = sum(w ** 2 * s @ s.T for w, s in zip(self.weights, stacks))
+        gram = sum(w ** 2 * s[:, ::few] @ s[:, ::few].T for w, s in zip(self.weights, stacks))
         coefficients = self._pursue(gram, 0.02)
+        used = np.flatnonzero(coefficients)
         self.noise = []
         for s in stacks:
-            left = s[-1] - coefficients @ s[:-1]
+            left = s[-1] - coefficients[used] @ s[used]
             self.noise.append(fit_noise([left[piece] for piece in self.pieces]))
 
     def _pursue(self, gram, share, most=8):
@@ -219,8 +221,16 @@ class Scores:
                                       [[start], [start + 1]], [contribution.coefficients[0]], np.full(2, -bound),
                                       np.full(2, bound), {"scanned": True, "phase": quadrature}))
         rows = [[_whiten_pieces(v[c], noise, self.pieces) for v in new] for c, noise in enumerate(self.noise)]
+        k, gram = len(self.gram) - 1, np.zeros((len(self.gram) + 2, len(self.gram) + 2))
+        old = [*range(k), k + 2]  # the residual stays last
+        gram[np.ix_(old, old)] = self.gram
+        for s, r in zip(self.white, rows):
+            across = np.array(r) @ s.T
+            gram[k:k + 2, old] += across
+            gram[np.ix_(old, [k, k + 1])] += across.T
+            gram[k:k + 2, k:k + 2] += np.array(r) @ np.array(r).T
         self.white = [np.concatenate([s[:-1], r, s[-1:]]) for s, r in zip(self.white, rows)]
-        self.gram = sum(s @ s.T for s in self.white)
+        self.gram = gram
 
     # ---- tests
 
@@ -534,13 +544,14 @@ def _start(candidate, coefficients):
 def _predicted(table, scores, candidate, coefficients):
     """Error on the fit part after adding the candidate, from the moments alone."""
     p = table.slope.shape[1]
+    few = max(1, len(table.time) // 10000)
     predicted = {}
     for c, channel in enumerate(table.channels):
-        residual = table.residual[c]
+        residual = table.residual[c, ::few]
         if coefficients is not None:
-            added = sum(b * table.matrix[c][part].sum(0) for b, part in zip(coefficients, candidate.parts))
+            added = sum(b * table.matrix[c][part, ::few].sum(0) for b, part in zip(coefficients, candidate.parts))
             residual = residual - added
-        rows = table.slope[c]
+        rows = table.slope[c][:, ::few]
         predicted[channel] = residual, rows
     weights = table.fit.weights
     normal = sum(w ** 2 * rows @ rows.T for w, (_, rows) in zip(weights, predicted.values()))

@@ -44,17 +44,27 @@ def undetectable(table, scores):
 
 def definite(table, place, needs):
     """A reason that holds whatever the noise: the log does not vary what the effect needs; else None."""
-    d = table.dataset
+    component = place.components[0]
+    if not hasattr(table, "_definite"):
+        table._definite = _coverage(table.dataset)
+        table._one_load = {}
+    if component not in table._one_load:
+        load = table.full.get(f"{component}.L")
+        table._one_load[component] = load is not None and _constant(load[table.dataset.moving])
+    one = {**table._definite, "loads": ("one load only", table._one_load[component])}
+    return next((reason for need in needs.split() for reason, holds in [one.get(need, ("", False))] if holds), None)
+
+
+def _coverage(d):
+    """What the log as a whole does not vary."""
     moving = np.abs(d.speeds[:, d.moving]).max(0)
     signs = np.sign(d.speeds[:, d.moving])
-    load = table.full.get(f"{place.components[0]}.L")
-    one = {
+    one_way = bool((signs.min(1) == signs.max(1)).all())
+    return {
         "speeds": ("one speed only", not d.averaged and np.ptp(np.log(np.quantile(moving, [0.2, 0.95]))) < 0.2),
-        "directions": ("one direction only", bool((signs.min(1) == signs.max(1)).all())),
-        "reversals": ("no reversals", len(np.unique(d.passes[d.passes >= 0])) < 2 or bool((signs.min(1) == signs.max(1)).all())),
-        "loads": ("one load only", load is not None and _constant(load[d.moving])),
+        "directions": ("one direction only", one_way),
+        "reversals": ("no reversals", one_way or len(np.unique(d.passes[d.passes >= 0])) < 2),
     }
-    return next((reason for need in needs.split() for reason, holds in [one.get(need, ("", False))] if holds), None)
 
 
 def _constant(load):

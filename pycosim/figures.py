@@ -249,7 +249,7 @@ def _window(dataset, residual, index, most=12):
     np.add.at(energy, index, (residual ** 2).sum(0))
     names = {n for _, n in found if n}
     best = None
-    for k in range(len(found)):
+    for k in [k for k, (_, n) in enumerate(found) if n == found[0][1]]:  # a set begins as the log does
         seen, last = set(), None
         for m in range(k, min(k + most, len(found))):
             seen.add(found[m][1])

@@ -73,24 +73,33 @@ def fit_noise(pieces, absorbed=None):
         return Noise(sigma, 0.0, 0.0, 0.0, sigma)
     power = np.concatenate([_periodogram(p) for p, _ in long]) / variance
     power /= np.maximum(1 - np.concatenate([_periodogram(a).sum(0) for _, a in long]), 0.2)
-    cosine = np.cos(np.concatenate([2 * np.pi * np.arange(1, _kept(len(p)) + 1) / len(p) for p, _ in long]))
+    frequency = np.concatenate([np.arange(1, _kept(len(p)) + 1) / len(p) for p, _ in long])
+    count, power, cosine = _smoothed(frequency, power)
 
     def misfit(x):
-        white, slow, phi = np.exp(x[0]), np.exp(x[1]), np.exp(-np.exp(-x[2]))
+        white, slow, phi = np.exp(x[0]), np.exp(x[1]), np.exp(-np.exp(-np.clip(x[2], -1.0, top)))
         shape = (1 - phi ** 2) / (1 - 2 * phi * cosine + phi ** 2)
         spectrum = white + slow * shape
-        return float(np.mean(np.log(spectrum) + power / spectrum))
+        return float(count @ (np.log(spectrum) + power / spectrum))
 
     top = np.log(2.0 * max(len(p) for p, _ in long))
-    bounds = [(-12, 2), (-12, 4), (-1.0, top)]
-    starts = [(-0.3, -1.5, min(t, top)) for t in (2.0, 5.0)]
-    best = min((minimize(misfit, s, bounds=bounds, method="L-BFGS-B") for s in starts), key=lambda r: r.fun)
+    best = min((minimize(misfit, (-0.3, -1.5, min(t, top)), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7})
+                for t in (2.0, 5.0)), key=lambda r: r.fun)
     white, slow = variance * np.exp(best.x[:2])
-    plain = np.mean(power)
-    if best.fun > np.log(plain) + 1 - 3.0 / len(power):  # a slow part that explains nothing
+    if best.fun > np.log(count @ power) + 1 - 3.0 / len(frequency):  # a slow part that explains nothing
         sigma = float(np.sqrt(variance))
         return Noise(sigma, 0.0, 0.0, 0.0, sigma)
-    return arma(np.sqrt(white), np.sqrt(slow), float(np.exp(-np.exp(-best.x[2]))))
+    return arma(np.sqrt(white), np.sqrt(slow), float(np.exp(-np.exp(-np.clip(best.x[2], -1.0, top)))))
+
+
+def _smoothed(frequency, power, bins=60):
+    """Mean power in bins of equal ratio of frequency: share of the frequencies, power, cosine of the mean frequency."""
+    edges = np.geomspace(frequency.min(), frequency.max() * (1 + 1e-9), bins + 1)
+    place = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, bins - 1)
+    count = np.bincount(place, minlength=bins)
+    kept = count > 0
+    mean = [np.bincount(place, v, bins)[kept] / count[kept] for v in (power, frequency)]
+    return count[kept] / count.sum(), mean[0], np.cos(2 * np.pi * mean[1])
 
 
 def _periodogram(values):
