@@ -1,4 +1,4 @@
-"""Nothing in; a log of a machine with an effect that its model lacks, and the whole way to finding it, in a folder, out.
+"""Nothing in; a log of a machine with an effect that its model lacks, and the whole way to finding it, out.
 
 The log is made with the model itself, asked backwards: motor torques for the torques that the leg needs. The effect is
 attached to the model that makes the log and to no other.
@@ -27,7 +27,8 @@ MACHINE = {  # Nobili et al., identified friction of the hip-knee actuation; f0 
     "s1A.f0": 0.089, "s1A.mu": 0.90, "s2A.f0": 0.077, "s2A.mu": 0.91,
     "s1B.f0": 0.001, "s1B.mu": 0.99, "s2B.f0": 0.014, "s2B.mu": 0.97,
 }
-RIGID = {f"s{p}.travel": 1e-5 for p in ("1A", "2A", "1B", "2B")}  # slides at once [rad]; else presliding is a second effect
+# With the model's default travel, presliding would be a second hidden effect; and it would be found.
+RIGID = {f"s{p}.travel": 1e-5 for p in ("1A", "2A", "1B", "2B")}  # slides at once [rad]
 SPEEDS = 0.2, 0.4, 0.8, 1.6, 2.4  # of the faster motor [rad/s]
 LINES = {"A": (1.0, -1.0), "C": (1.0, 0.5), "E": (0.5, 1.0)}  # directions in (theta1, theta2); back: B, D, F
 BACK = {"A": "B", "C": "D", "E": "F"}
@@ -91,8 +92,8 @@ def run(out=None, quiet=False, progress=None):
         library = Library()
         progress("making a log")
         _make(library, folder)
-        say("1. A log of a hip-knee actuation: six manoeuvres out and back, five speeds, twice. The machine has an effect",
-            "   that its model lacks.", "")
+        say("1. A log of a hip-knee actuation: six manoeuvres out and back, five speeds, twice. The machine has an",
+            "   effect that its model lacks.", "")
         study = load_study(folder.file("study.toml"))
         progress("reading the log")
         dataset = Dataset(study, library)
@@ -215,7 +216,7 @@ def _noise(rng, n):
     return slow + WHITE * rng.standard_normal(n)
 
 
-def _make(library, folder, seed=1, **options):
+def _make(library, folder, seed=2, **options):
     """Log, study, and what is hidden; options of `motion`."""
     effect, place, coefficients = HIDDEN
     machine = compile_model(library, RIG, [(effect, place)])

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from .compare import branches, errors
-from .compile import ArrayFunction, compile_model, component_name
+from .compile import compile_model, component_name
 from .dependence import explanations, noise_floor
 from .noise import contiguous
 
@@ -68,8 +68,8 @@ def _format(axes):
 
 
 @contextmanager
-def _plain():
-    """Numbers of the axes as the reader's: no warnings of empty bins."""
+def _quiet():
+    """No warnings of empty bins."""
     with np.errstate(invalid="ignore", divide="ignore"):
         yield
 
@@ -198,7 +198,7 @@ def binned(x, y, count=BINS):
     """
     where, edges = _bins(x, count)
     number = np.bincount(where, minlength=count)
-    with _plain():
+    with _quiet():
         centre, mean = (np.bincount(where, v, count) / number for v in (x, y))
         spread = np.sqrt(np.maximum(np.bincount(where, y ** 2, count) / number - mean ** 2, 0))
     keep = number >= max(1, FULL * len(x) / count)
@@ -310,7 +310,8 @@ def _arrow(axes, x, y, start, name, aside, color, line):
     axes.annotate("", b - 0.04 * d, a + 0.04 * d, zorder=3,
                   arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.2, "ls": line, "shrinkA": 0, "shrinkB": 0})
     far = 0.7 if np.hypot(*(b - start)) > np.hypot(*(a - start)) else 0.3  # passes fan out from the start
-    axes.text(*(a + far * (b - a) + 2 * right), name, color=color, ha="center", va="center", fontsize=9, fontweight="bold")
+    axes.text(*(a + far * (b - a) + 2 * right), name, color=color, ha="center", va="center", fontsize=9,
+              fontweight="bold")
 
 
 def _still_lines(axes, dataset, start):
@@ -335,8 +336,9 @@ def _still_lines(axes, dataset, start):
 
 def _equation(d):
     """The direction in words of the two speeds, where they are simple."""
-    simple = {(0, 1): r": $\dot\theta_1 = 0$", (1, 0): r": $\dot\theta_2 = 0$", (1, 1): r": $\dot\theta_1 = \dot\theta_2$"}
-    return simple.get(tuple(int(v) for v in np.round(np.array(d) / np.max(np.abs(d)), 2) if float(v).is_integer()), "")
+    simple = {(0, 1): r": $\dot\theta_1 = 0$", (1, 0): r": $\dot\theta_2 = 0$",
+              (1, 1): r": $\dot\theta_1 = \dot\theta_2$"}
+    return simple.get(tuple(np.round(np.array(d) / np.max(np.abs(d)), 2) + 0.0), "")
 
 
 def _reach(start, d, limits):
@@ -400,7 +402,8 @@ def _speeds(axes, dataset, window):
     for k, name in enumerate(names):
         symbol = _symbol(dataset, _named(dataset, name[4:-1])).replace(r"\theta", r"\dot\theta")
         text = symbol if symbol.startswith("$") else f"speed of {name[4:-1].removesuffix('.phi')}"
-        axes.plot(*envelope(dataset.time[window], dataset.signals[name][window]), color=("black", GREY)[k % 2], ls=LINES[k],
+        values = dataset.signals[name][window]
+        axes.plot(*envelope(dataset.time[window], values), color=("black", GREY)[k % 2], ls=LINES[k],
                   label=text)
     component = next(iter(dataset.base.segments))
     axes.set_ylabel(f"Speed [{_pretty(dataset.base.flat.variables[f'{component}.w'].unit)}]")
@@ -488,7 +491,7 @@ def _units(dataset):
 
 
 def _rmse(residual, names):
-    with _plain():
+    with _quiet():
         return {n: np.sqrt(np.mean(residual[:, names == n] ** 2, axis=1)) for n in np.unique(names)}
 
 
@@ -580,8 +583,8 @@ def _scatter(axes, x, y, forward, floor, name):
 def signature(dataset, before, after, key):
     """What a missing effect looks like: before and after it is added, against the variable it depends on.
 
-    Left: root mean square of the residual. Right: what is missing at the effect's place, that is the residual's share in
-    the direction of a torque there; points before, with the fitted effect as a line, and after.
+    Left: root mean square of the residual. Right: what is missing at the effect's place, that is the residual's share
+    in the direction of a torque there, all else as fitted with the effect; the line is the fitted effect.
 
     Parameters
     ----------
@@ -610,7 +613,8 @@ def signature(dataset, before, after, key):
         axes[1].set_ylabel(f"{_kind(missing['probe'])} {missing['place']} [{_pretty(missing['unit'])}]")
     for panel in axes:
         panel.set_xlabel(_capital(_variable_label(dataset, variable)))
-        panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2 if panel is axes[0] else 3, columnspacing=1.2)
+        panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2 if panel is axes[0] else 3,
+                     columnspacing=1.2)
     return figure
 
 
@@ -635,12 +639,12 @@ def _cycle(dataset, after, key, index):
 
 
 def _missing_torque(dataset, before, after, key):
-    """Residual with and without an effect, all else equal, and the fitted effect, in the direction of a torque at its place.
+    """Residual with and without an effect, all else equal, and the effect, in the direction of a torque at its place.
 
     Returns
     -------
     dict or None
-        ``without``, ``with``, ``effect`` and ``drive``, each summed over the channels with their weights, shape (n,); the
+        ``without``, ``with``, ``effect`` and ``drive``, summed over the channels with their weights, shape (n,); the
         first three are to be divided by the sum of the last. None where the rig has no port at that place.
     """
     model, fit = after
@@ -679,7 +683,7 @@ def _partial(axes, x, missing):
     bins, _ = _bins(x, 2 * BINS)
     number = np.bincount(bins, minlength=2 * BINS)
     keep = number >= max(1, FULL * len(x) / (2 * BINS))
-    with _plain():
+    with _quiet():
         centre = (np.bincount(bins, x, 2 * BINS) / number)[keep]
         size = np.bincount(bins, missing["drive"], 2 * BINS)
         value = {k: (np.bincount(bins, missing[k], 2 * BINS) / size)[keep] for k in ("without", "with", "effect")}
