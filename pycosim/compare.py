@@ -101,6 +101,7 @@ def _quantile_labels(values):
     edges = np.unique(np.quantile(values, np.linspace(0, 1, GROUPS + 1)))
     if len(edges) < 2:
         return np.array([f"{values[0]:.4g}"] * len(values))
+    edges = np.where(np.abs(edges) < 1e-6 * np.ptp(edges), 0.0, edges)
     number = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
     names = np.array([f"{a:.4g} to {b:.4g}" for a, b in zip(edges[:-1], edges[1:])])
     return names[number]

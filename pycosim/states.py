@@ -26,10 +26,10 @@ def _step(question, free):
     h = ca.SX.sym("h")
     rate = question.rate(u, x, p)
     slope = ca.jacobian(rate, x)
-    if not slope.sparsity().is_diag() or ca.depends_on(slope, x):
+    if any(r != c for r, c in zip(*slope.sparsity().get_triplet())) or ca.depends_on(slope, x):
         raise ModelicaError(f"the states {', '.join(question.states)} are not each linear in themselves at a given "
                             "speed; write an effect's state as x' = a(w) x + b(w)")
-    y = ca.diag(slope) * h
+    y = ca.densify(ca.diag(slope)) * h
     series = ca.if_else(ca.fabs(y) > 1e-6, (ca.exp(y) - 1) / ca.if_else(y == 0, 1, y), 1 + y / 2)
     parts = ca.vertcat(ca.exp(y), ca.substitute(rate, x, ca.DM.zeros(x.numel())) * h * series)
     columns = [ca.jacobian(parts, p[question.parameters.index(n)]) for n in free]

@@ -184,7 +184,8 @@ class Model:
         values = {**{n: flat.symbols[n] for n in known}, **solution.values}
         extra = [f"{c}.{v}" for c in self.segments for v in ("w", "L", "s", "F", "loss")]
         top = [n for n in flat.variables if "." not in n]
-        aliases = [n for n in flat.variables if n.count(".") == 1 and n.rsplit(".")[-1] in ("phi", "w", "a", "tau", "tau_shaft", "v", "i")]
+        members = ("phi", "w", "a", "tau", "tau_shaft", "v", "i")
+        aliases = [n for n in flat.variables if n.count(".") == 1 and n.endswith(tuple(f".{m}" for m in members))]
         outputs = list(dict.fromkeys([n for n in [*wanted, *extra, *top, *aliases] if n in values and n not in known]))
         y = ca.vertcat(*[values[n] for n in outputs])
         states = [s for s in solution.states if s in {v.name() for v in ca.symvar(y)}]

@@ -254,8 +254,8 @@ def _describe(variable, symbols):
 def _to_flat(name, model, flat_class):
     """Turn pymoca's MX model into SX residuals over named symbols."""
     groups = [model.states, model.alg_states, model.inputs, model.parameters, model.constants]
-    if model.string_parameters or model.delay_states if hasattr(model, "delay_states") else False:
-        raise ModelicaError(f"'{name}' uses strings or delays, which are not supported; use Real variables")
+    if model.string_parameters:
+        raise ModelicaError(f"'{name}' uses strings, which are not supported; use Real variables")
     every = [v for group in groups for v in group]
     for v in every:
         if v.symbol.numel() != 1:

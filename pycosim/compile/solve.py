@@ -49,7 +49,7 @@ def der(name, order=1):
 class _System:
     """The equations while they shrink."""
 
-    def __init__(self, flat, known, drop):
+    def __init__(self, flat, known):
         self.flat = flat
         self.symbols = dict(flat.symbols)
         self.known = set(flat.parameters) | {"time"} | set(known)
@@ -395,7 +395,7 @@ def solve(flat, known, keep=(), explicit=True):
         Too many or too few equations, or no closed form where one was asked for.
     """
     flat.derivatives = dict(flat.derivatives)
-    system = _System(flat, known, ())
+    system = _System(flat, known)
     system.bent = _bent(flat) - system.differentiated if explicit else set()
     _eliminate(system, set(keep))
     rates = {flat.derivatives[x] for x in system.differentiated}
@@ -426,16 +426,12 @@ def _close(flat, system, solution):
         raise ModelicaError(f"'{flat.name}': the equations do not determine {', '.join(solution.algebraic)}")
     closed = []
     for residuals, names in blocks:
-        done = [(n, e) for n, e in closed]
         x = [system.symbols[n] for n in names]
-        inner = [(n, ca.SX.sym(n)) for n, _ in done]
-        # earlier blocks enter as symbols, so that an expression is computed once
         result = piecewise_linear(residuals, x)
         if result is None or not _solves(residuals, x, result, flat.parameters):
             raise ModelicaError(
                 f"'{flat.name}': no closed form for {', '.join(names)}; an effect must be linear, absolute or "
                 "quadratic in the load")
-        del inner
         closed += list(zip(names, result))
     system.solved += [(n, e) for n, e in reversed(closed)]
     solution.algebraic, solution.residuals = [], []
@@ -443,14 +439,9 @@ def _close(flat, system, solution):
 
 def _substitute_back(system, solution):
     """Fill in values in reverse order of elimination, so that every value is explicit."""
-    free = [system.symbols[n] for n in sorted(system.known | set(solution.states) | set(solution.algebraic))
-            if n in system.symbols]
     values = {}
     for name, expression in reversed(system.solved):
         inner = [s for s in ca.symvar(expression) if s.name() in values]
         values[name] = (ca.substitute([expression], inner, [values[s.name()] for s in inner])[0]
                         if inner else expression)
     solution.values = values
-    if solution.residuals:
-        solution.residuals = list(solution.residuals)
-    del free

@@ -10,7 +10,7 @@ model Leg "Thigh and shank in a vertical plane, hip fixed in space"
   parameter Real c2(unit="m", min=0, max=2, nominal=0.1) = 0.15 "Knee to centre of mass of the shank";
   parameter Real I2(unit="kg.m2", min=0, max=10, nominal=0.1) = 0.03 "Inertia of the shank about its centre of mass";
   parameter Real g(unit="m/s2") = 9.80665 "Gravity";
-  parameter Real tilt(unit="rad", min=-3.2, max=3.2, nominal=0.1) = 0 "Tilt of the base: hip angle zero from the vertical";
+  parameter Real tilt(unit="rad", min=-3.2, max=3.2, nominal=0.1) = 0 "Tilt of the base from the vertical";
   Real w_H(unit="rad/s") "Speed of the hip";
   Real w_K(unit="rad/s") "Speed of the knee";
   Real a_H(unit="rad/s2") "Acceleration of the hip";
@@ -32,7 +32,8 @@ equation
   a2 = a_H + a_K;
   h = m2 * l1 * c2;
   torque_thigh = (I1 + m1 * c1 * c1 + m2 * l1 * l1) * a_H + h * cos(hip.phi - shank) * a2
-    + h * sin(hip.phi - shank) * w2 * w2 + (m1 * c1 + m2 * l1) * g * sin(hip.phi + tilt);
+    + h * sin(hip.phi - shank) * w2 * w2
+    + (m1 * c1 + m2 * l1) * g * sin(hip.phi + tilt);
   torque_shank = (I2 + m2 * c2 * c2) * a2 + h * cos(hip.phi - shank) * a_H
     - h * sin(hip.phi - shank) * w_H * w_H + m2 * c2 * g * sin(shank + tilt);
   hip.tau = torque_thigh + torque_shank;

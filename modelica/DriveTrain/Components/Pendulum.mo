@@ -6,7 +6,7 @@ model Pendulum "Point mass on an arm in the vertical plane, hanging at angle zer
   parameter Real arm(unit="kg.m", min=0, max=10, nominal=0.01) = 0 "Mass of the arm times its centre's distance";
   parameter Real J(unit="kg.m2", min=0, max=10, nominal=1e-3) = 0 "Inertia of the arm about the axle";
   parameter Real g(unit="m/s2") = 9.80665 "Gravity";
-  parameter Real tilt(unit="rad", min=-3.2, max=3.2, nominal=0.1) = 0 "Tilt of the base: angle zero from the vertical";
+  parameter Real tilt(unit="rad", min=-3.2, max=3.2, nominal=0.1) = 0 "Tilt of the base from the vertical";
   Real w(unit="rad/s") "Speed";
   Real a(unit="rad/s2") "Acceleration";
 equation
