@@ -166,13 +166,13 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=No
     tidy = tidy.thin(skip) if skip > 1 else tidy
     segments = list(model.segments)
     if thin > 1:
-        x, _ = _refine(problem.thin(thin), tidy.thin(thin), x, free, variables, weights, segments, robust)
+        x, _ = _refine(problem.thin(thin), tidy.thin(thin), x, free, variables, weights, segments, robust, 0)
     x, moments = _refine(problem, tidy, x, free, variables, weights, segments, robust)
     slope = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2) if moments is None else moments.slope(x)
     return _result(problem, slope, x, free, variables, weights)
 
 
-def _refine(problem, tidy, x, free, variables, weights, segments, robust):
+def _refine(problem, tidy, x, free, variables, weights, segments, robust, steps=8):
     """Least squares, then steps whose derivatives hold no noise of the measured torques.
 
     Returns the parameters, and the moments where the model is piecewise affine.
@@ -182,10 +182,11 @@ def _refine(problem, tidy, x, free, variables, weights, segments, robust):
         moments = None if robust else Moments.of(problem, x, segments, tidy)
         if moments is None:
             x = _solve(lambda z: problem.gram(z, weights, robust), x, free, variables, 60)
-            return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights), x, free, variables, 4), None
+            return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights), x, free, variables,
+                                 min(steps, 4)), None
         before = x
         x = _solve(lambda z: moments.gram(z, weights), x, free, variables, 60)
-        x = _instrumented(lambda z: moments.gram(z, weights, True), x, free, variables, 8)
+        x = _instrumented(lambda z: moments.gram(z, weights, True), x, free, variables, steps)
         if np.all(np.abs(x - before) < 0.05 * scale):  # the signs of the loads are those that the moments stand for
             break
     return x, moments
@@ -207,8 +208,10 @@ def _instrumented(gram, x, free, variables, steps):
     scale = np.array([variables[n].nominal for n in free])
     low, high = (np.array([getattr(variables[n], b) for n in free]) for b in ("min", "max"))
     margin = 1e-6 * scale
-    g = gram(x) if len(free) else None
-    for _ in range(steps if len(free) else 0):
+    if not (steps and len(free)):
+        return x
+    g = gram(x)
+    for _ in range(steps):
         _, step = bounded(g[:-1, :-1], g[:-1, -1], low + margin - x, high - margin - x)
         there = np.clip(x + np.clip(step, -scale, scale), low + margin, high - margin)
         after = gram(there)
@@ -254,7 +257,7 @@ def _solve(gram, x, free, variables, evaluations):
 
     solution = least_squares(
         lambda z: -root(z)[:, -1], x, jac=lambda z: root(z)[:, :-1], bounds=(lower, upper), x_scale=scale,
-        xtol=1e-9, ftol=1e-10, gtol=1e-12, max_nfev=evaluations)
+        xtol=1e-7, ftol=1e-9, gtol=1e-12, max_nfev=evaluations)
     margin = 1e-6 * scale
     return np.clip(solution.x, lower + margin, upper - margin)
 
@@ -294,7 +297,9 @@ def _result(problem, slope, x, free, variables, weights):
     normal = sum(w ** 2 * j @ j.T for w, j in zip(weights, slope))
     gradient = sum(w ** 2 * j @ r for w, j, r in zip(weights, slope, residual))
     inverse, null = invert(normal)
-    noise = [fit_noise([r[s] for s in pieces], [w * _root(inverse) @ j[:, s] for s in pieces])
+    few = pieces[::max(1, problem.n // 30000)]  # enough for the three numbers of a noise model
+    root = _root(inverse)
+    noise = [fit_noise([r[s] for s in few], [w * root @ j[:, s] for s in few])
              for w, r, j in zip(weights, residual, slope)]
     meat = np.zeros_like(normal)
     for w, j, r_noise in zip(weights, slope, noise):

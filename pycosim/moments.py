@@ -60,6 +60,7 @@ class Moments:
         values = ca.densify(ca.horzcat(y, slope))  # channels x (1 + inputs)
         rates = [ca.densify(ca.reshape(ca.jacobian(ca.vec(values), p[k]), values.shape)) for k in free]
         self.local = ca.Function("local", [u, x, p], [values, *rates])
+        self.mapped = {}
 
     def _parameters(self, x):
         return {**self.problem.parameters, **dict(zip(self.problem.free, x))}
@@ -104,8 +105,11 @@ class Moments:
             One list a sample and term: the value, then a derivative a free parameter.
         """
         q, count = self.problem.selected, len(samples)
-        p = [[float(self._parameters(x)[name])] * count for name in q.parameters]
-        local = self.local.map(count)
+        parameters = self._parameters(x)
+        p = [[float(parameters[name])] * count for name in q.parameters]
+        if count not in self.mapped:
+            self.mapped[count] = self.local.map(count)
+        local = self.mapped[count]
         found = [[] for _ in samples]
         for term in self.terms:
             u = np.array([np.broadcast_to(_at(term.signals.get(name, 0.0), samples), count) for name in q.inputs])
