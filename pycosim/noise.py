@@ -126,7 +126,7 @@ def arma(white, slow, phi):
     if white ** 2 * phi < 1e-12 * g0:
         return Noise(float(white), float(slow), phi, 0.0, float(np.sqrt(g0)))
     half = -g0 / (2 * g1)
-    theta = half - np.sqrt(max(half ** 2 - 1, 0.0))
+    theta = 1 / (half + np.sqrt(max(half ** 2 - 1, 0.0)))  # the root inside the unit circle, without cancellation
     return Noise(float(white), float(slow), phi, float(theta), float(np.sqrt(-g1 / theta)))
 
 
