@@ -3,7 +3,7 @@
 Score tests of every candidate on the pre-whitened residual of one fit give a ranking, the expected coefficient and the
 predicted error. Family-wise p-values come from simulated noise with the candidates' own correlations, grids included.
 The best few are refitted; the first is accepted when it is significant and lowers the error on folds that it was not
-fitted to by more than the standard error of that fall.
+fitted to by more than the standard error of that fall, and by most of what a free function of one variable would.
 """
 
 from __future__ import annotations
