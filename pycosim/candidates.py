@@ -16,22 +16,13 @@ import numpy as np
 from . import cache
 from .compile import ArrayFunction, catalogue, compile_model, places, solve
 from .compile.model import Question, _dump, _load
+from .noise import contiguous
 from .residuals import Residuals
 from .states import propagate
 
 _PROBE = {"dF": "dF", "df0": "df0", "ds": "ds", "dmu": "dmu", "dtau": "dtau", "loss": "dtau"}  # addition to probe
 CYCLES = 20.0  # highest number of cycles a revolution that is searched
 _LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
-
-
-@dataclass
-class Column:
-    """One column: an effect at one component, one grid point, one coefficient."""
-
-    effect: object
-    component: str
-    grid: tuple
-    coefficient: str
 
 
 @dataclass
@@ -186,9 +177,10 @@ class Table:
         names += [f"{c}.{v}" for c in motors for v in ("tau_shaft", "phi")]
         names += sorted({i for e in catalogue(self.library).values() for i in e.inputs})
         self.full = {**d.signals, **d.measured, **d.segment_signals(q, self.fit.parameters, names, None, d.exogenous())}
+        self._kept = {}
         self.takes = [take for _, _, take in d._picks(d.view(self.part))]
 
-    def port_signals(self, effect, component, take=None):
+    def port_signals(self, effect, component, term=None):
         """Signals that an effect reads at a component, at all samples or at those of a term."""
         found = {"time": None if self.dataset.averaged else self.dataset.time}
         for member, source in (("w", "w"), ("L", "L"), ("s", "s")):
@@ -198,9 +190,16 @@ class Table:
         found["flange.phi"] = self.full.get(f"{component}.phi")
         found["der(der(flange.phi))"] = self.full.get(f"der(der({component}.phi))")
         found.update({i: self.full.get(i) for i in effect.inputs})
-        if take is None:
+        if term is None:
             return found
-        return {n: take(v)[::self.thin] if isinstance(v, np.ndarray) else v for n, v in found.items()}
+        return {n: self._taken(term, v) if isinstance(v, np.ndarray) else v for n, v in found.items()}
+
+    def _taken(self, term, values):
+        """A signal at the samples of a term; most are asked for by many candidates."""
+        key = term, id(values)
+        if key not in self._kept:
+            self._kept[key] = values, self.takes[term](values)[::self.thin]  # held, so that the identity stays its own
+        return self._kept[key][1]
 
     def least_loss(self, component):
         """Loss below which an effect relative to it could not be seen; a missing effect can press f0 to zero."""
@@ -249,32 +248,31 @@ class Table:
             speed = np.abs(view(speed))
             low, high = np.quantile(speed, [0.02, 0.98])
             values["speed"] = np.geomspace(max(low / 2, 1e-3), max(1.5 * high, 2e-3), 9)
-            path = np.bincount(np.unique(self.group, return_inverse=True)[1],
-                               np.abs(speed[::self.thin]) * np.gradient(time).clip(0, 1))
+            moved = np.abs(speed[::self.thin]) * np.gradient(time).clip(0, 1)
+            path = [moved[s].sum() for s in contiguous(time, self.group)]
             values["travel"] = np.geomspace(5e-4, max(np.median(path) / 2, 8e-3), 10)
         return values
 
     def _columns(self):
-        self.contributions, self._grids = {}, {}
-        self.columns, self.candidates, index = [], [], {}
-        self.matrix = []
+        self._grids = {}
+        self.candidates, self.columns, index = [], [], {}
         for effect, place in self.offers:
-            contribution = self.contributions.setdefault(effect.id, Contribution(self.library, effect))
+            contribution = self.contribution(effect)
             for number, grid in enumerate(grids(effect, self.scan_values(place.components[0]))):
                 for component in place.components:
                     key = (effect.id, component, number)
                     if key not in index:
                         own = grids(effect, self.scan_values(component))[number]
                         index[key] = len(self.columns)
-                        for c, values in zip(contribution.coefficients, self.column(contribution, component, own)):
-                            self.columns.append(Column(effect, component, tuple(own.items()), c))
-                            self.matrix.append(values)
+                        self.columns.extend(self.column(contribution, component, own))
                 d = len(contribution.coefficients)
                 starts = [index[(effect.id, c, number)] for c in place.components]
                 parts = [[s + k for s in starts] for k in range(d)]
                 self.candidates.append(self.candidate(contribution, place, grid, parts))
-        self.matrix = (np.array(self.matrix).transpose(1, 0, 2) if self.matrix
-                       else np.zeros((len(self.channels), 0, len(self.time))))
+
+    def contribution(self, effect):
+        """What an effect adds to its ports; made once."""
+        return self.library.memo(("contribution", effect.id), lambda: Contribution(self.library, effect))
 
     def candidate(self, contribution, place, grid, parts):
         """A candidate with the bounds of its coefficients."""
@@ -296,10 +294,10 @@ class Table:
             values = {**contribution.defaults, **grid}
             states, _ = propagate(q, self.port_signals(contribution.effect, component), self.dataset.time, values,
                                   self.dataset.run)
-        for take, response in zip(self.takes, self.responses):
+        for term, response in enumerate(self.responses):
             n = response.shape[2]
-            signals = self.port_signals(contribution.effect, component, take)
-            additions = contribution(signals, [take(s)[::self.thin] for s in states], grid, n)
+            signals = self.port_signals(contribution.effect, component, term)
+            additions = contribution(signals, [self.takes[term](s)[::self.thin] for s in states], grid, n)
             part = 0.0
             for k, port in enumerate(q.outputs):
                 probe = self.probes.index(f"probe_{component}.{_PROBE[port]}")

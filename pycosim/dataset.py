@@ -315,18 +315,28 @@ class Dataset:
                     else np.array([self.reference(c)[index] for c in self.outputs]))
         signals = self.signals if signals is None else signals
         cached, stateful = {}, dependent_parameters(question)
+        read = self._read(question)
 
         def terms(values, with_respect_to):
             key = (tuple(values[n] for n in stateful), tuple(with_respect_to))
             if key not in cached:
                 states, sensitivities = self.states(model, values, with_respect_to)
                 cached.clear()
-                cached[key] = [Term(weight, {n: take(v) for n, v in signals.items()}, take(states),
+                cached[key] = [Term(weight, {n: take(v) for n, v in signals.items() if n in read}, take(states),
                                     take(sensitivities)) for weight, _, take in picks]
             return cached[key]
 
         return Residuals(question, self.outputs, measured, terms, free, parameters,
                          self.time[index], self.passes[index], self.block[index], self.channels)
+
+    def _read(self, question):
+        """Inputs that the errors, the segments' loads or the friction states depend on."""
+        if "_read" not in question.__dict__:
+            u, x, p = question.symbols()
+            chosen = question.select(self.outputs + [n for n in question.outputs if n.endswith(".L")])
+            used = {s.name() for s in ca.symvar(ca.vertcat(chosen.output(u, x, p), question.rate(u, x, p)))}
+            question._read = {n for n, s in zip(question.inputs, ca.vertsplit(u)) if s.name() in used}
+        return question._read
 
     def _picks(self, view):
         if not self.paired:

@@ -128,21 +128,22 @@ def dependence(dataset, model, fit, seed=0):
     residual = dataset.residuals(model, fit.free, fit.parameters, "fit").residual(fit.values)
     view = dataset.view("fit")
     index = view.i if dataset.paired else view
-    thin = max(1, problem.n // 30000)
+    thin = max(1, problem.n // 20000)
     problem, index, residual = problem.thin(thin), index[::thin], residual[:, ::thin]
     x = [*fit.values, *np.zeros(len(names))]
     slope = np.concatenate([j[:, len(fit.free):] for _, _, j in problem.blocks(x)], axis=2)
     plain = np.zeros((len(residual), len(residual), problem.n))
     plain[np.arange(len(residual)), np.arange(len(residual))] = 1.0
-    drives = np.concatenate([slope, plain.transpose(1, 0, 2).transpose(1, 0, 2)], axis=1)
+    drives = np.concatenate([slope, plain], axis=1)
     blocks, label = np.unique(problem.block, return_inverse=True)
     fold = dataset.fold[blocks][label]
-    weights = fit.weights[:, None]
+    weights = fit.weights[:, None] ** 2
+    energy = float((weights * residual ** 2).sum())
+    drives = [((weights * d * residual).sum(0), (weights * d ** 2).sum(0)) for d in drives.transpose(1, 0, 2)]
     found, sure = [], False
     for name, values in explanations(dataset, model, fit, index).items():
         bins = _bins(values)
-        best = max((_explained(residual * weights, drives[:, k] * weights, bins, fold, label, len(blocks))
-                    for k in range(drives.shape[1])), key=lambda e: e[0])
+        best = max((_explained(xy, xx, energy, bins, fold, label, len(blocks)) for xy, xx in drives), key=lambda e: e[0])
         found.append({"variable": name, "strength": round(max(0.0, float(best[0])), 4)})
         sure |= (best[1] > ALARM and best[0] > 0) or (best[0] > SHARE and best[1] > FEW)
     angles = {n for n, c in dataset.study.columns.items() if c.variable.endswith("phi")}
@@ -161,19 +162,18 @@ def _bins(values):
     return np.searchsorted(edges, values)
 
 
-def _explained(residual, drive, bins, fold, block, count):
-    """Share of energy removed out of fold, and how many standard errors over the blocks that is."""
-    k = bins.max() + 1
-    f = fold.max() + 1
+def _explained(xy, xx, energy, bins, fold, block, count):
+    """Share of energy removed out of fold, and how many standard errors over the blocks that is.
+
+    ``xy`` and ``xx`` are, sample by sample, the products of a drive with the residual and with itself: a bin's factor
+    beta on the drive takes ``beta (2 xy - beta xx)`` of the energy.
+    """
+    k, f = bins.max() + 1, fold.max() + 1
     cell = fold * k + bins
-    xy = np.bincount(cell, (drive * residual).sum(0), f * k).reshape(f, k)
-    xx = np.bincount(cell, (drive ** 2).sum(0), f * k).reshape(f, k)
-    others_xy, others_xx = xy.sum(0) - xy, xx.sum(0) - xx
-    ridge = 1e-3 * xx.sum() / k + 1e-300
-    beta = others_xy / (others_xx + ridge)
-    predicted = drive * beta[fold, bins]
-    gain = (residual ** 2 - (residual - predicted) ** 2).sum(0)
-    per_block = np.bincount(block, gain, count)
-    total = float((residual ** 2).sum())
+    sum_xy, sum_xx = (np.bincount(cell, v, f * k).reshape(f, k) for v in (xy, xx))
+    others_xy, others_xx = sum_xy.sum(0) - sum_xy, sum_xx.sum(0) - sum_xx
+    ridge = 1e-3 * sum_xx.sum() / k + 1e-300
+    beta = (others_xy / (others_xx + ridge)).ravel()[cell]
+    per_block = np.bincount(block, beta * (2 * xy - beta * xx), count)
     spread = np.sqrt(count * per_block.var(ddof=1)) if count > 1 else np.inf
-    return per_block.sum() / total, per_block.sum() / (spread + 1e-300)
+    return per_block.sum() / energy, per_block.sum() / (spread + 1e-300)

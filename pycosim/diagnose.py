@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from . import identify
-from .candidates import CYCLES, Candidate, Column, Contribution, Table
+from .candidates import CYCLES, Candidate, Table
 from .compile import catalogue, compile_model, component_name
 from .dependence import dependence, noise_floor
 from .errors import PycosimError
@@ -79,37 +79,35 @@ class Scores:
         self.table, self.rng, self.draws = table, np.random.default_rng(seed), draws
         self.p = len(table.fit.free)
         self.pieces = contiguous(table.time, table.group)
-        self.weights = table.fit.weights
+        self.weights, self.few = table.fit.weights, max(1, len(table.time) // 10000)
+        self.candidates, self.columns = list(table.candidates), list(table.columns)
         self._noise()
-        self._whiten()
         self._scan_cycles()
+        self._whiten()
         self._test()
 
     # ---- noise of what the best mixture of candidates leaves
 
-    def _stack(self, channel, whiten=None):
+    def _rows(self, channel, where):
         """Rows: derivative, candidate columns, residual."""
         t = self.table
-        rows = np.concatenate([t.slope[channel], t.matrix[channel], t.residual[channel][None]])
-        if whiten is None:
-            return rows
-        out = np.empty_like(rows)
-        for s in self.pieces:
-            out[:, s] = whiten.whiten(rows[:, s])
-        return out
+        return np.array([*t.slope[channel][:, where], *[v[channel, where] for v in self.columns],
+                         t.residual[channel, where]])
+
+    def _thin_moments(self):
+        """Moments of the rows of each channel, on enough samples to choose and to predict by."""
+        few = slice(None, None, self.few)
+        return [rows @ rows.T for rows in (self._rows(c, few) for c in range(len(self.weights)))]
 
     def _noise(self):
         """Noise of each channel after the few columns that explain most: a missing effect is not noise."""
-        t = self.table
-        few = max(1, len(t.time) // 10000)  # enough to choose by
-        stacks = [self._stack(c) for c in range(len(t.channels))]
-        gram = sum(w ** 2 * s[:, ::few] @ s[:, ::few].T for w, s in zip(self.weights, stacks))
-        coefficients = self._pursue(gram, 0.02)
-        used = np.flatnonzero(coefficients)
+        beta = self._pursue(sum(w ** 2 * g for w, g in zip(self.weights, self._thin_moments())), 0.02)
+        used = np.flatnonzero(beta)
         self.noise = []
-        for s in stacks:
-            left = s[-1] - coefficients[used] @ s[used]
-            self.noise.append(fit_noise([left[piece] for piece in self.pieces]))
+        for c in range(len(self.weights)):
+            left = self.table.residual[c] - sum(
+                beta[k] * (self.table.slope[c][k] if k < self.p else self.columns[k - self.p][c]) for k in used)
+            self.noise.append(fit_noise([left[s] for s in self.pieces]))
 
     def _pursue(self, gram, share, most=8):
         """Greedy choice of columns; returns the coefficients of all rows on the residual."""
@@ -140,8 +138,13 @@ class Scores:
     def _whiten(self):
         """Moments of the whitened columns; the residual's spread fixes their scale."""
         t = self.table
-        self.white = [self._stack(c, noise) for c, noise in enumerate(self.noise)]
-        self.gram = sum(s @ s.T for s in self.white)
+        self.thin = self._thin_moments()
+        self.gram = np.zeros_like(self.thin[0])
+        for c, noise in enumerate(self.noise):
+            rows = [*t.slope[c], *[v[c] for v in self.columns], t.residual[c]]
+            live = [k for k, row in enumerate(rows) if row.any()]
+            white = (noise.whiten(np.array([rows[k][s] for k in live])) for s in self.pieces)
+            self.gram[np.ix_(live, live)] += sum(w @ w.T for w in white)
         self.samples = t.residual.size
         beta = self._pursue(self.gram, 12.0 / self.samples)
         used = np.count_nonzero(beta)
@@ -155,14 +158,17 @@ class Scores:
 
     def _scan_cycles(self):
         t, p = self.table, self.p
-        inverse, _ = identify.invert(self.gram[:p, :p])
-        step = inverse @ self.gram[:p, -1]
-        left = [s[-1] - step @ s[:p] for s in self.white]
-        back = [_whiten_transposed(r, noise, self.pieces) for r, noise in zip(left, self.noise)]
         self.scan_draws = np.zeros(self.draws)
+        if not t.scans:
+            return
+        white = [_whiten_pieces(np.concatenate([t.slope[c], t.residual[c][None]]), noise, self.pieces)
+                 for c, noise in enumerate(self.noise)]
+        gram = sum(w @ w.T for w in white)
+        step = identify.invert(gram[:p, :p])[0] @ gram[:p, -1]
+        back = [_whiten_transposed(w[-1] - step @ w[:p], noise, self.pieces) for w, noise in zip(white, self.noise)]
         subs = _sub_blocks(self.pieces, len(t.time))
         for effect, place in t.scans:
-            contribution = t.contributions.setdefault(effect.id, Contribution(t.library, effect))
+            contribution = t.contribution(effect)
             found = self._scan_place(contribution, place, back, subs)
             if found is None:
                 continue
@@ -174,7 +180,7 @@ class Scores:
         """Number of cycles that explains most, and the largest chance result of sign-flipped stretches."""
         t = self.table
         frequency, quadrature = _periodic(contribution.effect)
-        phis = {c: [t.port_signals(contribution.effect, c, take)["flange.phi"] for take in t.takes]
+        phis = {c: [t.port_signals(contribution.effect, c, k)["flange.phi"] for k in range(len(t.takes))]
                 for c in place.components}
         turns = max(np.ptp(np.concatenate(p)) for p in phis.values()) / (2 * np.pi)
         if turns < 0.05:
@@ -183,9 +189,10 @@ class Scores:
         sums = 0.0
         for component, angles in phis.items():
             centres, counts = self._by_angle(component, angles, back, subs)
-            waves = [contribution({"flange.phi": centres}, [], {frequency: n, quadrature: q}, len(centres))[0, 0]
-                     for q in (0.0, np.pi / 2) for n in cycles]
-            sums = sums + counts @ np.array(waves).T
+            angles, n = np.tile(centres, 2 * len(cycles)), np.tile(np.repeat(cycles, len(centres)), 2)
+            phase = np.repeat([0.0, np.pi / 2], len(centres) * len(cycles))
+            waves = contribution({"flange.phi": angles}, [], {frequency: n, quadrature: phase}, len(angles))[0, 0]
+            sums = sums + counts @ waves.reshape(-1, len(centres)).T
         sine, cosine = sums[:, :len(cycles)], sums[:, len(cycles):]
         value = _pair_statistic(sine.sum(0), cosine.sum(0), sine, cosine)
         best = float(cycles[np.argmax(value)])
@@ -209,28 +216,27 @@ class Scores:
     def _add_cycles(self, contribution, place, cycles):
         t = self.table
         frequency, quadrature = _periodic(contribution.effect)
-        start = t.matrix.shape[1]
         new = [sum(t.column(contribution, c, {frequency: cycles, quadrature: q})[0] for c in place.components)
                for q in (0.0, np.pi / 2)]
-        t.matrix = np.concatenate([t.matrix, np.array(new).transpose(1, 0, 2)], axis=1)
-        for q in (0.0, np.pi / 2):
-            t.columns.append(Column(contribution.effect, place.name, ((frequency, cycles), (quadrature, q)),
-                                    contribution.coefficients[0]))
+        start = len(self.columns)
+        self.columns += new
         bound = contribution.question.variables[contribution.coefficients[0]].max
-        t.candidates.append(Candidate(contribution.effect, place, {frequency: cycles, quadrature: 0.0},
-                                      [[start], [start + 1]], [contribution.coefficients[0]], np.full(2, -bound),
-                                      np.full(2, bound), {"scanned": True, "phase": quadrature}))
-        rows = [[_whiten_pieces(v[c], noise, self.pieces) for v in new] for c, noise in enumerate(self.noise)]
-        k, gram = len(self.gram) - 1, np.zeros((len(self.gram) + 2, len(self.gram) + 2))
-        old = [*range(k), k + 2]  # the residual stays last
-        gram[np.ix_(old, old)] = self.gram
-        for s, r in zip(self.white, rows):
-            across = np.array(r) @ s.T
-            gram[k:k + 2, old] += across
-            gram[np.ix_(old, [k, k + 1])] += across.T
-            gram[k:k + 2, k:k + 2] += np.array(r) @ np.array(r).T
-        self.white = [np.concatenate([s[:-1], r, s[-1:]]) for s, r in zip(self.white, rows)]
-        self.gram = gram
+        self.candidates.append(Candidate(
+            contribution.effect, place, {frequency: cycles, quadrature: 0.0}, [[start], [start + 1]],
+            [contribution.coefficients[0]], np.full(2, -bound), np.full(2, bound), {"scanned": True, "phase": quadrature}))
+
+    def predicted(self, candidate, coefficients):
+        """Mean square of each channel after adding a candidate, with the base refitted within its bounds."""
+        p = self.p
+        y = np.zeros(len(self.gram))
+        y[-1] = 1.0
+        for b, part in zip(() if coefficients is None else coefficients, candidate.parts):
+            y[p + np.array(part)] -= b
+        total = sum(w ** 2 * g[:p] for w, g in zip(self.weights, self.thin))
+        if p:
+            y[:p] = -bounded(total[:, :p], total @ y, *self._bounds(None))[1]
+        samples = len(range(0, len(self.table.time), self.few))
+        return [max(y @ g @ y, 0.0) / samples for g in self.thin]
 
     # ---- tests
 
@@ -252,7 +258,7 @@ class Scores:
         root = vectors * np.sqrt(np.maximum(values, 0))
         noise = self.rng.standard_normal((self.draws, len(schur))) @ root.T
         self.results, largest = [], self.scan_draws.copy()
-        for candidate in self.table.candidates:
+        for candidate in self.candidates:
             t = self._parts(candidate)[p:]
             inner = t.T @ schur @ t
             if not self._visible(candidate, inner, t.T @ gram[p:-1, p:-1] @ t):
@@ -262,7 +268,7 @@ class Scores:
             value, coefficients = self._fall(candidate)
             self.results.append(Score(candidate, value, float(self._surprise(value, len(t.T), sided)), coefficients, True))
             if not candidate.extra.get("scanned"):
-                z = noise @ t
+                z = np.array([noise[:, part].sum(1) for part in candidate.parts]).T
                 chance = np.einsum("bi,ij,bj->b", z, np.linalg.inv(inner), z)
                 if sided:
                     sign = 1 if candidate.lower[0] == 0 else -1
@@ -280,14 +286,14 @@ class Scores:
         if not candidate.effect.size:
             return True
         spread = np.sqrt(self.variance / diagonal)
-        nominal = self.table.contributions[candidate.effect.id].question.variables[candidate.names[0]].nominal
+        nominal = self.table.contribution(candidate.effect).question.variables[candidate.names[0]].nominal
         return bool(4 * np.min(spread) < FACTOR * nominal)
 
     def _surprise(self, value, d, sided):
         """Minus log of the single p-value of a statistic with d coefficients, for the noise's degrees of freedom."""
         if self.dof > 1000:
             return -self._log_chi2(value, d, sided)
-        log = stats.f.logsf(np.asarray(value) / d, d, self.dof)
+        log = np.log(special.fdtrc(d, self.dof, np.asarray(value) / d) + 1e-320)
         return -(log + (np.log(0.5) if sided else 0.0)) * (np.asarray(value) > 0)
 
     @staticmethod
@@ -338,7 +344,7 @@ def _pair_statistic(s, c, sine, cosine):
 def _whiten_pieces(values, noise, pieces):
     out = np.empty_like(values)
     for s in pieces:
-        out[s] = noise.whiten(values[s])
+        out[..., s] = noise.whiten(values[..., s])
     return out
 
 
@@ -522,7 +528,8 @@ def _findings(table, scores):
         finding.p_value_single = float(np.exp(-score.surprise))
         finding.p_value = scores.family(score.surprise)
         finding.start = _start(candidate, score.coefficients)
-        finding.predicted_error = _predicted(table, scores, candidate, score.coefficients)
+        predicted = scores.predicted(candidate, score.coefficients)
+        finding.predicted_error = {c: float(np.sqrt(v)) for c, v in zip(table.channels, predicted)}
         findings.append(finding)
     return sorted(findings, key=lambda f: -f.statistic)
 
@@ -539,26 +546,6 @@ def _start(candidate, coefficients):
     elif effect.size:
         values.update(zip(candidate.names, map(float, coefficients)))
     return {f"{base}.{n}": v for n, v in values.items()}
-
-
-def _predicted(table, scores, candidate, coefficients):
-    """Error on the fit part after adding the candidate, from the moments alone."""
-    p = table.slope.shape[1]
-    few = max(1, len(table.time) // 10000)
-    predicted = {}
-    for c, channel in enumerate(table.channels):
-        residual = table.residual[c, ::few]
-        if coefficients is not None:
-            added = sum(b * table.matrix[c][part, ::few].sum(0) for b, part in zip(coefficients, candidate.parts))
-            residual = residual - added
-        rows = table.slope[c][:, ::few]
-        predicted[channel] = residual, rows
-    weights = table.fit.weights
-    normal = sum(w ** 2 * rows @ rows.T for w, (_, rows) in zip(weights, predicted.values()))
-    right = sum(w ** 2 * rows @ r for w, (r, rows) in zip(weights, predicted.values()))
-    low, high = scores._bounds(None)
-    x = bounded(normal, right, low, high)[1] if p else np.zeros(0)
-    return {channel: float(np.sqrt(np.mean((r - x @ rows) ** 2))) for channel, (r, rows) in predicted.items()}
 
 
 def _refit_best(dataset, model, fit, scores, findings, usual, table):

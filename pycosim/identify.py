@@ -161,34 +161,35 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=No
     skip = max(1, problem.n // most) if most else 1
     if skip > 1:
         problem = problem.thin(skip)
-    thin = max(1, problem.n // 4000)
     tidy = dataset.residuals(model, free, parameters, part, dataset.exogenous())
     tidy = tidy.thin(skip) if skip > 1 else tidy
-    segments = list(model.segments)
-    if thin > 1:
-        x, _ = _refine(problem.thin(thin), tidy.thin(thin), x, free, variables, weights, segments, robust, 0)
-    x, moments = _refine(problem, tidy, x, free, variables, weights, segments, robust)
-    slope = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2) if moments is None else moments.slope(x)
-    return _result(problem, slope, x, free, variables, weights)
+    x, moments = _refine(problem, tidy, x, free, variables, weights, list(model.segments), robust)
+    if moments is None:
+        slope, residual = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2), problem.residual(x)
+        gram = _cross_gram(problem, tidy, x, weights)
+    else:
+        slope, residual = moments.slope_and_residual(x)
+        gram = moments.gram(x, weights, True)
+    return _result(problem, slope, residual, gram, x, free, variables, weights)
 
 
-def _refine(problem, tidy, x, free, variables, weights, segments, robust, steps=8):
+def _refine(problem, tidy, x, free, variables, weights, segments, robust):
     """Least squares, then steps whose derivatives hold no noise of the measured torques.
 
     Returns the parameters, and the moments where the model is piecewise affine.
     """
-    scale = np.array([variables[n].nominal for n in free])
+    moments = None if robust else Moments.of(problem, x, segments, tidy)
     for _ in range(5):
-        moments = None if robust else Moments.of(problem, x, segments, tidy)
         if moments is None:
-            x = _solve(lambda z: problem.gram(z, weights, robust), x, free, variables, 60)
-            return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights), x, free, variables,
-                                 min(steps, 4)), None
-        before = x
+            thin = max(1, problem.n // 4000)
+            for part in (problem.thin(thin), problem) if thin > 1 else (problem,):
+                x = _solve(lambda z: part.gram(z, weights, robust), x, free, variables, 60)
+            return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights), x, free, variables, 4), None
         x = _solve(lambda z: moments.gram(z, weights), x, free, variables, 60)
-        x = _instrumented(lambda z: moments.gram(z, weights, True), x, free, variables, steps)
-        if np.all(np.abs(x - before) < 0.05 * scale):  # the signs of the loads are those that the moments stand for
+        x = _instrumented(lambda z: moments.gram(z, weights, True), x, free, variables, 8)
+        if moments.holds(x):
             break
+        moments = moments if moments.take(x) else None
     return x, moments
 
 
@@ -208,7 +209,7 @@ def _instrumented(gram, x, free, variables, steps):
     scale = np.array([variables[n].nominal for n in free])
     low, high = (np.array([getattr(variables[n], b) for n in free]) for b in ("min", "max"))
     margin = 1e-6 * scale
-    if not (steps and len(free)):
+    if not free:
         return x
     g = gram(x)
     for _ in range(steps):
@@ -288,29 +289,27 @@ def bounded(a, b, low, high):
     return float(2 * b @ x - x @ a @ x), x
 
 
-def _result(problem, slope, x, free, variables, weights):
+def _result(problem, slope, residual, gram, x, free, variables, weights):
     """Covariance, null directions and noise at the solution."""
-    residual = problem.residual(x)
-    if not (np.isfinite(residual).all() and np.isfinite(slope).all()):
+    if not np.isfinite(gram).all():
         raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a better start")
     pieces = contiguous(problem.time, problem.group)
-    normal = sum(w ** 2 * j @ j.T for w, j in zip(weights, slope))
-    gradient = sum(w ** 2 * j @ r for w, j, r in zip(weights, slope, residual))
-    inverse, null = invert(normal)
-    few = pieces[::max(1, problem.n // 30000)]  # enough for the three numbers of a noise model
+    inverse, null = invert(gram[:-1, :-1])
+    few = pieces[::max(1, problem.n // 20000)]  # enough for the three numbers of a noise model
     root = _root(inverse)
     noise = [fit_noise([r[s] for s in few], [w * root @ j[:, s] for s in few])
              for w, r, j in zip(weights, residual, slope)]
-    meat = np.zeros_like(normal)
+    meat = np.zeros_like(inverse)
     for w, j, r_noise in zip(weights, slope, noise):
-        for s in pieces:
-            meat += w ** 4 * j[:, s] @ r_noise.colour(j[:, s]).T
+        used = np.flatnonzero(j.any(axis=1))
+        halves = (r_noise.colour(j[used, s]) for s in pieces)
+        meat[np.ix_(used, used)] += w ** 4 * sum(h @ h.T for h in halves)
     covariance = inverse @ meat @ inverse
     independent = sum(n.independent(problem.n, len(pieces)) for n in noise)
     dof = max(1.0, independent - len(free))
     covariance *= max(independent, 2.0) / max(independent - len(free), 1.0)
     fitted = Fit({**problem.parameters, **dict(zip(free, map(float, x)))}, free, variables, x,
-                 x + inverse @ gradient, covariance, null, dof, noise, problem.names, weights)
+                 x + inverse @ gram[:-1, -1], covariance, null, dof, noise, problem.names, weights)
     fitted.error = {c: float(np.sqrt(np.mean(r ** 2))) for c, r in zip(problem.names, residual)}
     return fitted
 

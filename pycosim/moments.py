@@ -7,12 +7,16 @@ are the second moments of the samples. What is affine is found by differentiatio
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 
 from .compile import ArrayFunction
 
 _MOST = 64  # sign patterns
+_CHECKED = 4000  # samples on which the affine maps are compared with the model
+_APART = 1e-6  # of the residual's energy by which they may differ there
 
 
 class Moments:
@@ -41,108 +45,101 @@ class Moments:
         if problem.of_states:
             return None
         found = cls()
-        found.problem, found.p = problem, len(problem.free)
-        found._functions(segments)
-        terms = problem.terms(dict(problem.parameters), ())
-        clean = (exogenous or problem).terms(dict(problem.parameters), ())
-        return found if found._gather(terms, clean, x) else None
-
-    def _functions(self, segments):
-        q = self.problem.selected
-        self.loads = self.problem.question.select([f"{c}.L" for c in segments
-                                                   if f"{c}.L" in self.problem.question.outputs])
-        u, x, p = q.symbols()
-        y = q.output(u, x, p)
-        self.varying = [k for k in range(len(q.inputs)) if ca.depends_on(y, u[k])]
-        free = [q.parameters.index(n) for n in self.problem.free if n in q.parameters]
-        self.columns = [k for k, n in enumerate(self.problem.free) if n in q.parameters]
-        slope = ca.jacobian(y, u[self.varying]) if self.varying else ca.SX(y.numel(), 0)
-        values = ca.densify(ca.horzcat(y, slope))  # channels x (1 + inputs)
-        rates = [ca.densify(ca.reshape(ca.jacobian(ca.vec(values), p[k]), values.shape)) for k in free]
-        self.local = ca.Function("local", [u, x, p], [values, *rates])
-        self.mapped = {}
+        found.problem, found.functions = problem, _functions(problem, segments)
+        found.terms = problem.terms(dict(problem.parameters), ())
+        clean = found.terms if exogenous is None else exogenous.terms(dict(problem.parameters), ())
+        if not all(np.all(np.abs(s) == 1) for t in found.terms for s in t.states):
+            return None
+        names = [problem.selected.inputs[k] for k in found.functions.varying]
+        inputs = [_full(t.signals.get(name, 0.0), problem.n) for terms in (found.terms, clean) for t in terms for name in names]
+        found.rows = np.array([np.ones(problem.n), *inputs, *problem.measured])
+        return found if found.take(x) else None
 
     def _parameters(self, x):
         return {**self.problem.parameters, **dict(zip(self.problem.free, x))}
 
-    def _gather(self, terms, clean, x):
-        """Sort samples by sign pattern and sum their moments; False when the affine maps do not hold."""
-        n, parameters = self.problem.n, self._parameters(x)
-        code, rows, clean_rows = np.zeros(n, dtype=np.int64), [], []
-        q = self.problem.selected
-        for term, tidy in zip(terms, clean):
-            inputs = [_full(term.signals.get(name, 0.0), n) for name in q.inputs]
-            rows.append([inputs[k] for k in self.varying])
-            clean_rows.append([_full(tidy.signals.get(q.inputs[k], 0.0), n) for k in self.varying])
-            arguments = [*inputs, *term.states, *[float(parameters[name]) for name in self.loads.parameters]]
-            loads = ArrayFunction(self.loads.output)(arguments, n)
-            for bit in [*term.states, *loads]:
-                code = code * 2 + (bit > 0)
-            if not all(np.all(np.abs(s) == 1) for s in term.states):
-                return False
-        patterns, self.group = np.unique(code, return_inverse=True)
+    def _code(self, x):
+        """Number of the sign pattern of every sample."""
+        n, parameters, loads = self.problem.n, self._parameters(x), self.functions.loads
+        code = np.zeros(n, dtype=np.int64)
+        for term in self.terms:
+            arguments = [*[term.signals.get(name, 0.0) for name in loads.inputs], *term.states,
+                         *[float(parameters[name]) for name in loads.parameters]]
+            for bit in [*term.states, *self.functions.load(arguments, n)]:
+                code *= 2
+                code += bit > 0
+        return code
+
+    def take(self, x):
+        """Sum the moments of each sign pattern at x; False where the model is not affine within the patterns."""
+        code = self._code(x)
+        self.starts = np.r_[0, np.flatnonzero(np.diff(code)) + 1]  # a run of samples keeps its pattern
+        patterns, first, self.pattern = np.unique(code[self.starts], return_index=True, return_inverse=True)
         if len(patterns) > _MOST:
             return False
-        stacked = [*[v for r in rows for v in r], *[v for r in clean_rows for v in r], *self.problem.measured]
-        data = np.vstack([np.ones(n), *stacked])
-        order = np.argsort(self.group, kind="stable")
-        edges = np.searchsorted(self.group[order], np.arange(len(patterns) + 1))
-        self.second, self.first, self.members = [], [], []
-        for a, b in zip(edges[:-1], edges[1:]):
-            part = data[:, order[a:b]]
-            self.members.append(order[a:b])
-            self.second.append(part @ part.T)
-            self.first.append((order[a], order[b - 1]))
-        self.terms, self.clean_rows = terms, clean_rows
-        return self._holds(x)
+        self.first = self.starts[first]
+        size = len(self.rows)
+        self.second = np.empty((len(patterns), size, size))
+        for i in range(size):
+            for j in range(i + 1):
+                sums = np.add.reduceat(self.rows[i] * self.rows[j], self.starts)
+                self.second[:, i, j] = self.second[:, j, i] = np.bincount(self.pattern, sums, len(patterns))
+        return self.holds(x)
+
+    def holds(self, x):
+        """Whether at x the model still is the affine maps, signs included; checked on some samples."""
+        some = np.arange(0, self.problem.n, max(1, self.problem.n // _CHECKED))
+        pattern = self.pattern[np.searchsorted(self.starts, some, side="right") - 1]
+        affine = np.einsum("ncs,sn->cn", self._combined(x, False)[pattern, :, -1], self.rows[:, some])
+        apart = affine - self.problem.residual(x, some)
+        return bool((apart ** 2).sum(1).max() <= _APART * max((affine ** 2).sum(), 1e-300))
 
     def _maps(self, x, samples):
         """Affine maps over [1, inputs] of the value and its derivatives at some samples.
 
         Returns
         -------
-        list of list of ndarray, shape (channels, 1 + inputs)
-            One list a sample and term: the value, then a derivative a free parameter.
+        list of ndarray, shape (channels, samples, 1 + parameters, 1 + inputs)
+            One a term: the value, then a derivative a parameter of the question.
         """
-        q, count = self.problem.selected, len(samples)
+        q, f, count = self.problem.selected, self.functions, len(samples)
         parameters = self._parameters(x)
-        p = [[float(parameters[name])] * count for name in q.parameters]
-        if count not in self.mapped:
-            self.mapped[count] = self.local.map(count)
-        local = self.mapped[count]
-        found = [[] for _ in samples]
+        p = np.array([[float(parameters[name])] * count for name in q.parameters])
+        if count not in f.mapped:
+            f.mapped[count] = f.local.map(count)
+        found = []
         for term in self.terms:
             u = np.array([np.broadcast_to(_at(term.signals.get(name, 0.0), samples), count) for name in q.inputs])
-            values = [np.array(v) for v in local.call([u, term.states[:, samples], np.array(p)])]
-            width = 1 + len(self.varying)
-            for k in range(count):
-                part = [v[:, k * width:(k + 1) * width].copy() for v in values]
-                for v in part:  # value at the sample to value at zero input
-                    v[:, 0] -= v[:, 1:] @ u[self.varying, k]
-                found[k].append(part)
+            maps = f.mapped[count](u, term.states[:, samples], p).full()
+            maps = maps.reshape(len(maps), count, 1 + len(f.columns), 1 + len(f.varying))
+            maps[..., 0] -= np.einsum("csrv,vs->csr", maps[..., 1:], u[f.varying])  # value at zero input
+            found.append(maps)
         return found
 
-    def _holds(self, x):
-        """Check the affine maps of the first sample of each pattern on its last."""
-        count = len(self.first)
-        maps = self._maps(x, [a for a, _ in self.first] + [b for _, b in self.first])
-        for left, right in zip(maps[:count], maps[count:]):
-            for a, b in zip(left, right):
-                scale = 1e-7 * max(1.0, max(np.abs(v).max() for v in a))
-                if any(np.abs(v - w).max() > scale for v, w in zip(a, b)):
-                    return False
-        return True
-
-    def slope(self, x):
-        """Derivatives at the signals without noise, shape (channels, p, n)."""
-        found = np.zeros((len(self.problem.channels), self.p, self.problem.n))
-        maps = self._maps(x, [a for a, _ in self.first])
-        for g, members in enumerate(self.members):
-            for t, (term, values) in enumerate(zip(self.terms, maps[g])):
-                rows = np.vstack([np.ones(len(members)), *[r[members] for r in self.clean_rows[t]]])
-                for column, rate in zip(self.columns, values[1:]):
-                    found[:, column, members] += term.weight * rate @ rows
+    def _combined(self, x, instruments):
+        """Derivatives and residual as combinations of the rows, shape (patterns, channels, p + 1, rows)."""
+        f, channels, p = self.functions, len(self.problem.channels), len(self.problem.free)
+        k, count = len(f.varying), len(self.terms)
+        found = np.zeros((len(self.second), channels, p + 1, len(self.rows)))
+        found[:, np.arange(channels), p, 1 + 2 * k * count + np.arange(channels)] = 1.0
+        for t, (term, maps) in enumerate(zip(self.terms, self._maps(x, self.first))):
+            weighted = term.weight * maps.swapaxes(0, 1)  # patterns first
+            noisy, clean = (slice(1 + k * s, 1 + k * (s + 1)) for s in (t, count + t))
+            found[:, :, p, 0] -= weighted[:, :, 0, 0]
+            found[:, :, p, noisy] -= weighted[:, :, 0, 1:]
+            found[:, :, f.columns, 0] += weighted[:, :, 1:, 0]
+            found[:, :, f.columns, clean if instruments else noisy] += weighted[:, :, 1:, 1:]
         return found
+
+    def slope_and_residual(self, x):
+        """Derivatives at the signals without noise, shape (channels, p, n), and the residual, shape (channels, n)."""
+        combined = self._combined(x, True)
+        patterns, channels, p, size = combined.shape
+        found = np.empty((channels * p, self.problem.n))
+        for g, a, b in zip(self.pattern, self.starts, [*self.starts[1:], self.problem.n]):
+            found[:, a:b] = combined[g].reshape(-1, size) @ self.rows[:, a:b]
+        found = found.reshape(channels, p, -1)
+        return found[:, :-1], found[:, -1]
 
     def gram(self, x, weights, instruments=False):
         """Moments [J r]'[J r] at free parameters x, with the signs as they were.
@@ -157,29 +154,35 @@ class Moments:
         -------
         ndarray, shape (p + 1, p + 1)
         """
-        channels, k = len(self.problem.channels), len(self.varying)
-        size = 1 + 2 * k * len(self.terms) + channels
-        total = np.zeros((self.p + 1, self.p + 1))
-        every = self._maps(x, [a for a, _ in self.first])
-        for maps, second in zip(every, self.second):
-            for c, weight in enumerate(weights):
-                rows = np.zeros((self.p + 1, size))
-                rows[-1, 1 + 2 * k * len(self.terms) + c] = 1.0
-                for t, (term, values) in enumerate(zip(self.terms, maps)):
-                    noisy = slice(1 + k * t, 1 + k * (t + 1))
-                    tidy = slice(1 + k * (len(self.terms) + t), 1 + k * (len(self.terms) + t + 1))
-                    rows[-1, 0] -= term.weight * values[0][c, 0]
-                    rows[-1, noisy] -= term.weight * values[0][c, 1:]
-                    for column, rate in zip(self.columns, values[1:]):
-                        rows[column, 0] += term.weight * rate[c, 0]
-                        rows[column, tidy if instruments else noisy] += term.weight * rate[c, 1:]
-                total += weight ** 2 * rows @ second @ rows.T
-        return total
+        rows = self._combined(x, instruments) * np.asarray(weights)[:, None, None]
+        return (rows @ self.second[:, None] @ rows.swapaxes(2, 3)).sum((0, 1))
+
+
+def _functions(problem, segments):
+    """Loads of the segments, and value and derivatives of the residual by the inputs; made once a question."""
+    made = problem.question.__dict__.setdefault("_moment_functions", {})
+    key = (tuple(problem.channels), tuple(problem.free), tuple(segments))
+    if key not in made:
+        q = problem.selected
+        loads = problem.question.select([f"{c}.L" for c in segments if f"{c}.L" in problem.question.outputs])
+        u, x, p = q.symbols()
+        y = q.output(u, x, p)
+        varying = [k for k in range(len(q.inputs)) if ca.depends_on(y, u[k])]
+        columns = [k for k, n in enumerate(problem.free) if n in q.parameters]
+        slope = ca.jacobian(y, u[varying]) if varying else ca.SX(y.numel(), 0)
+        values = ca.densify(ca.horzcat(y, slope))  # channels x (1 + inputs)
+        rates = [ca.densify(ca.reshape(ca.jacobian(ca.vec(values), p[q.parameters.index(problem.free[k])]), values.shape))
+                 for k in columns]
+        local = ca.Function("local", [u, x, p], [ca.cse(ca.horzcat(values, *rates))])
+        load = ArrayFunction(ca.Function("load", [u, x, p], [ca.cse(loads.output(u, x, p))]))
+        made[key] = SimpleNamespace(loads=loads, load=load, varying=varying, columns=columns,
+                                    local=local, mapped={})
+    return made[key]
 
 
 def _full(value, n):
     return np.broadcast_to(value, n)
 
 
-def _at(value, sample):
-    return value[sample] if isinstance(value, np.ndarray) else value
+def _at(value, where):
+    return value[where] if isinstance(value, np.ndarray) else value

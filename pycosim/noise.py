@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.fft import next_fast_len, rfft
 from scipy.signal import lfilter
 
 
@@ -42,9 +43,8 @@ class Noise:
         return lfilter([1.0, -self.phi], [1.0, -self.theta], values, axis=-1) / self.sigma
 
     def colour(self, values):
-        """Multiply by the covariance of the noise along the last axis (``whiten`` inverted, and its transpose)."""
-        back = lfilter([1.0, -self.theta], [1.0, -self.phi], values[..., ::-1], axis=-1)[..., ::-1]
-        return self.sigma ** 2 * lfilter([1.0, -self.theta], [1.0, -self.phi], back, axis=-1)
+        """Multiply by a square root of the covariance of the noise along the last axis; comes out in reversed order."""
+        return self.sigma * lfilter([1.0, -self.theta], [1.0, -self.phi], values[..., ::-1], axis=-1)
 
 
 def fit_noise(pieces, absorbed=None):
@@ -71,25 +71,34 @@ def fit_noise(pieces, absorbed=None):
     if not long or variance <= 0:
         sigma = float(np.sqrt(max(variance, 1e-300)))
         return Noise(sigma, 0.0, 0.0, 0.0, sigma)
-    power = np.concatenate([_periodogram(p) for p, _ in long]) / variance
-    power /= np.maximum(1 - np.concatenate([_periodogram(a).sum(0) for _, a in long]), 0.2)
-    frequency = np.concatenate([np.arange(1, _kept(len(p)) + 1) / len(p) for p, _ in long])
+    power, taken, frequency = (np.concatenate(v) for v in zip(*[_periodogram(p, a) for p, a in long]))
+    power /= variance * np.maximum(1 - taken, 0.2)
     count, power, cosine = _smoothed(frequency, power)
 
-    def misfit(x):
-        white, slow, phi = np.exp(x[0]), np.exp(x[1]), np.exp(-np.exp(-np.clip(x[2], -1.0, top)))
-        shape = (1 - phi ** 2) / (1 - 2 * phi * cosine + phi ** 2)
-        spectrum = white + slow * shape
-        return float(count @ (np.log(spectrum) + power / spectrum))
-
-    top = np.log(2.0 * max(len(p) for p, _ in long))
-    best = min((minimize(misfit, (-0.3, -1.5, min(t, top)), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7})
-                for t in (2.0, 5.0)), key=lambda r: r.fun)
-    white, slow = variance * np.exp(best.x[:2])
-    if best.fun > np.log(count @ power) + 1 - 3.0 / len(frequency):  # a slow part that explains nothing
+    misfit, white, slow, phi = _whittle(count, power, cosine, max(len(p) for p, _ in long))
+    if misfit > np.log(count @ power) + 1 - 3.0 / len(frequency):  # a slow part that explains nothing
         sigma = float(np.sqrt(variance))
         return Noise(sigma, 0.0, 0.0, 0.0, sigma)
-    return arma(np.sqrt(white), np.sqrt(slow), float(np.exp(-np.exp(-np.clip(best.x[2], -1.0, top)))))
+    return arma(np.sqrt(variance * white), np.sqrt(variance * slow), phi)
+
+
+def _whittle(count, power, cosine, longest, points=24, zooms=6):
+    """White and slow power, and correlation, that make the spectrum most likely: misfit, white, slow, phi.
+
+    The scale has a closed form for a given shape. The logarithms of the other two - slow over white, and the correlation
+    time - are searched on a grid that closes in on its best point.
+    """
+    low, high = -1.0, np.log(2.0 * longest)
+    middle, half = np.array([1.0, (low + high) / 2]), np.array([8.0, (high - low) / 2])
+    for _ in range(zooms):
+        r, t = (np.linspace(m - h, m + h, points) for m, h in zip(middle, half))
+        phi = np.exp(-np.exp(-np.clip(t, low, high)))[:, None]
+        shape = 1 + np.exp(r)[:, None, None] * ((1 - phi ** 2) / (1 - 2 * phi * cosine + phi ** 2))
+        white = (power / shape) @ count
+        misfit = np.log(white) + np.log(shape) @ count + 1
+        i, j = np.unravel_index(np.argmin(misfit), misfit.shape)
+        middle, half = np.array([r[i], t[j]]), half * 4 / points
+    return float(misfit[i, j]), float(white[i, j]), float(white[i, j] * np.exp(r[i])), float(phi[j, 0])
 
 
 def _smoothed(frequency, power, bins=60):
@@ -102,17 +111,22 @@ def _smoothed(frequency, power, bins=60):
     return count[kept] / count.sum(), mean[0], np.cos(2 * np.pi * mean[1])
 
 
-def _periodogram(values):
-    """Power at the lower positive frequencies, along the last axis, of a unitary transform.
+def _periodogram(values, absorbed):
+    """Power of a piece and of what was absorbed of it, at the lower positive frequencies of a unitary transform.
 
     The upper two thirds say nothing of what limits a fit, and filters and interpolation have been there.
     """
-    return np.abs(np.fft.rfft(values, axis=-1)[..., 1:_kept(values.shape[-1]) + 1]) ** 2 / values.shape[-1]
+    n = _fast(len(values))
+    kept = max(n // 6, min(n // 2, 8))
+    power = rfft(np.concatenate([values[None, :n], absorbed[:, :n]]), axis=1)[:, 1:kept + 1]
+    power = (power.real ** 2 + power.imag ** 2) / n
+    return power[0], power[1:].sum(0), np.arange(1, kept + 1) / n
 
 
-def _kept(n):
-    """Number of frequencies used of a piece of n samples."""
-    return max(n // 6, min(n // 2, 8))
+@lru_cache(maxsize=None)
+def _fast(n):
+    """Largest length up to n whose transform is quick."""
+    return next(m for m in range(n, 0, -1) if next_fast_len(m, real=True) == m)
 
 
 def arma(white, slow, phi):

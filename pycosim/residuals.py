@@ -148,12 +148,12 @@ class Residuals:
                     moved = term.sensitivities[f, state, part][inner]
                     slope[channel, self.free.index(name), inner] += term.weight * values[offset + k] * moved
 
-    def residual(self, x):
-        """Residual of all samples, shape (channels, n)."""
+    def residual(self, x, some=slice(None)):
+        """Residual of all samples, or of some, shape (channels, n)."""
         parameters = {**self.parameters, **dict(zip(self.free, x))}
-        result = self.measured.copy()
+        result = self.measured[:, some].copy()
         for term in self.terms(parameters, ()):
-            for inner, values in self.plain.blocks(self._arguments(term, parameters, slice(0, self.n)), self.n):
+            for inner, values in self.plain.blocks(self._arguments(term, parameters, some), result.shape[1]):
                 result[:, inner] -= term.weight * values
         return result
 

@@ -15,13 +15,23 @@ from .errors import ModelicaError
 
 def dependent_parameters(question):
     """Names of the parameters that the friction states depend on."""
-    u, x, p = question.symbols()
-    rate = question.rate(u, x, p)
-    return [n for n, s in zip(question.parameters, ca.vertsplit(p)) if question.states and ca.depends_on(rate, s)]
+    if "_dependent" not in question.__dict__:
+        u, x, p = question.symbols()
+        used = {s.name() for s in ca.symvar(question.rate(u, x, p))}
+        question._dependent = [n for n, s in zip(question.parameters, ca.vertsplit(p))
+                               if question.states and s.name() in used]
+    return question._dependent
 
 
 def _step(question, free):
-    """Growth and drive of one step, ``x+ = growth x + drive``, and their derivatives by the free parameters."""
+    """Growth and drive of one step, ``x+ = growth x + drive``, and their derivatives by the free parameters; made once."""
+    made = question.__dict__.setdefault("_steps", {})
+    if tuple(free) not in made:
+        made[tuple(free)] = _make_step(question, free)
+    return made[tuple(free)]
+
+
+def _make_step(question, free):
     u, x, p = question.symbols()
     h = ca.SX.sym("h")
     rate = question.rate(u, x, p)
@@ -30,7 +40,8 @@ def _step(question, free):
         raise ModelicaError(f"the states {', '.join(question.states)} are not each linear in themselves at a given "
                             "speed; write an effect's state as x' = a(w) x + b(w)")
     y = ca.densify(ca.diag(slope)) * h
-    series = ca.if_else(ca.fabs(y) > 1e-6, (ca.exp(y) - 1) / ca.if_else(y == 0, 1, y), 1 + y / 2)
+    near = y - 1e-12  # never zero where nothing moves
+    series = ca.expm1(near) / near
     parts = ca.vertcat(ca.exp(y), ca.substitute(rate, x, ca.DM.zeros(x.numel())) * h * series)
     columns = [ca.jacobian(parts, p[question.parameters.index(n)]) for n in free]
     return ArrayFunction(ca.Function("step", [u, p, h], [ca.densify(ca.horzcat(parts, *columns))]))
@@ -88,17 +99,21 @@ def propagate(question, signals, time, parameters, run=None, free=()):
 def scan(growth, drive):
     """Solve ``x[k + 1] = growth[k] x[k] + drive[k]`` from zero, along the last axis.
 
-    The axis is cut into rows that advance side by side, then the end of each row starts the next: the number of steps
-    in Python is the square root of the length.
+    The axis is cut into rows that advance side by side, then the end of each row starts the next.
     """
     m, n = growth.shape
-    width = int(np.ceil(np.sqrt(n)))
+    width = int(np.ceil(np.sqrt(n) / 4))
     rows = -(-n // width)
     fill = ((0, 0), (0, rows * width - n))
-    a, b = (np.pad(v, fill).reshape(m, rows, width) for v in (growth, drive))
-    total, x = np.multiply.accumulate(a, axis=2), b.copy()
+    total, x = (np.pad(v, fill).reshape(m, rows, width).transpose(2, 0, 1).copy() for v in (growth, drive))
     for k in range(1, width):
-        x[:, :, k] += a[:, :, k] * x[:, :, k - 1]
-    for r in range(1, rows):
-        x[:, r] += total[:, r] * x[:, r - 1, -1:]
-    return np.hstack([np.zeros((m, 1)), x.reshape(m, -1)[:, :n]])
+        x[k] += total[k] * x[k - 1]
+        total[k] *= total[k - 1]
+    start = np.zeros((m, rows))
+    for row, growths, ends in zip(start, total[-1].tolist(), x[-1].tolist()):
+        value = 0.0
+        for r, (g, end) in enumerate(zip(growths, ends)):
+            row[r] = value
+            value = g * value + end
+    x += total * start
+    return np.hstack([np.zeros((m, 1)), x.transpose(1, 2, 0).reshape(m, -1)[:, :n]])

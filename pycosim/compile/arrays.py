@@ -9,7 +9,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-BLOCK = 2048
+BLOCK = 4096
 
 _UNARY = {
     ca.OP_NEG: np.negative, ca.OP_EXP: np.exp, ca.OP_LOG: np.log, ca.OP_SQRT: np.sqrt, ca.OP_SQ: np.square,
@@ -30,9 +30,9 @@ def _if_else_zero(condition, value, out=None):
     """CasADi's conditional product: value where the condition holds, else exactly zero (also for infinite values)."""
     if out is None:
         return np.where(condition, value, 0.0)
-    keep = np.broadcast_to(np.asarray(condition, bool), out.shape).copy()
+    drop = np.equal(condition, 0.0)  # before ``out``, which may be the condition's own buffer, is written
     np.copyto(out, value)
-    out[~keep] = 0.0
+    np.putmask(out, np.broadcast_to(drop, out.shape), 0.0)
     return out
 
 

@@ -140,7 +140,7 @@ class Library:
 
     def resolve(self, name, scope):
         """Dotted name of a class mentioned inside another, looked up outwards."""
-        known = set(self.walk())
+        known = self.memo("names", lambda: set(self.walk()))
         while True:
             candidate = f"{scope}.{name}" if scope else name
             if candidate in known:

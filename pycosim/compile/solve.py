@@ -283,7 +283,7 @@ def piecewise_linear(residuals, x):
     if not _linear(jacobian, v, signed):
         return None
     if len(x) == 1:
-        return [-at_zero / ca.substitute(jacobian, x[0], ca.sign(-at_zero))]
+        return [-at_zero / ca.substitute(jacobian, x[0], -at_zero)]  # only its sign counts
     best, score = None, None
     for pattern in itertools.product([1.0, -1.0], repeat=len(signed)):
         point = ca.DM.zeros(len(x))
