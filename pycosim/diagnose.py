@@ -25,6 +25,7 @@ from .noise import contiguous, fit_noise
 LEVEL = 0.01
 DRAWS = 1999
 PART = 0.8  # of what a free function of one variable explains, that an accepted effect must explain
+SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
 REFITS = 10
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
@@ -622,7 +623,7 @@ def _earns(base, finding, shape):
     return fall > spread and fall > shape * base.raw.sum()
 
 
-def _twins(other, best, errors=1.0):
+def _twins(other, best, errors=SEPARATE):
     """Whether unseen folds cannot tell two refitted candidates apart by so many standard errors."""
     gap, spread = difference(other.selection.white, best.selection.white)
     return gap <= errors * spread or gap < 2.0 * errors ** 2

@@ -1,6 +1,6 @@
 """Time the identification and the diagnosis against SciPy's least squares on a vectorised NumPy residual.
 
-    python -m benchmarks.speed.run [--samples 10000 86000 300000]
+    python -m benchmarks.speed.run [--samples 10000 100000 1000000]
 
 Reading the file and arranging the samples are excluded on both sides; each time is the least of three.
 """
@@ -73,7 +73,7 @@ def main():
     """Print the table."""
     from pycosim import diagnose, identify
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", nargs="*", type=int, default=[10000, 86000, 300000])
+    parser.add_argument("--samples", nargs="*", type=int, default=[10000, 86000, 100000, 1000000])
     args = parser.parse_args()
     print(f"{'samples':>9s} {'scipy s':>9s} {'fit s':>9s} {'ratio':>7s} {'diagnosis s':>12s} {'to scipy':>9s} {'peak MiB':>9s}")
     for samples in args.samples:
