@@ -243,8 +243,8 @@ static Status settable(Instance *m, uint32_t v, double value, const char *functi
     if (v >= VR_STILL) return fail(m, ERROR, "%s: %u is not the value reference of a real variable", function, v);
     const char *name = model_names[v];
     if (!isfinite(value)) return fail(m, ERROR, "%s: '%s' cannot be set to %g, which is not finite", function, name, value);
-    if (v >= VR_X && v < VR_DX) {
-        if (m->s.phase & before) return OK;
+    if (v >= VR_X && v < VR_DX) { /* importers of model exchange, CasADi among them, set states one by one as well */
+        if (m->s.phase & (before | EVENT | CONTINUOUS)) return OK;
         return fail(m, ERROR, "%s: the state '%s' can be set before the end of the initialization only", function, name);
     }
     if (v >= VR_U && v < VR_P) return OK;
