@@ -318,8 +318,9 @@ static bool step_once(Instance *m, double t, double h, double since) {
     }
     const double *in[] = {m->s.x, m->s.z, left, right, m->s.p, &t, &h};
     memcpy(m->arg, in, sizeof in);
-    m->res[0] = m->x_next, m->res[1] = m->z_next;
-    if (model_step(m->arg, m->res, m->iw, m->w, 0)) return false;
+    double error = 0; /* of the equations, relative to what is tolerated */
+    m->res[0] = m->x_next, m->res[1] = m->z_next, m->res[2] = &error;
+    if (model_step(m->arg, m->res, m->iw, m->w, 0) || !(error <= 1)) return false;
     if (!finite_all(m->x_next, NX) || !finite_all(m->z_next, NZ)) return false;
     memcpy(m->s.x, m->x_next, sizeof m->s.x);
     memcpy(m->s.z, m->z_next, sizeof m->s.z);

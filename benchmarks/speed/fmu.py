@@ -52,7 +52,8 @@ double bare(int n) {
         t = k * h;
         const double *in[] = {m->s.x, m->s.z, m->s.u, m->s.u, m->s.p, &t, &h};
         memcpy(m->arg, in, sizeof in);
-        m->res[0] = m->x_next, m->res[1] = m->z_next;
+        double error;
+        m->res[0] = m->x_next, m->res[1] = m->z_next, m->res[2] = &error;
         model_step(m->arg, m->res, m->iw, m->w, 0);
         memcpy(m->s.x, m->x_next, sizeof m->s.x);
         memcpy(m->s.z, m->z_next, sizeof m->s.z);
@@ -117,7 +118,7 @@ class Plant(Fmi3Slave):
 
     def do_step(self, t, h):
         u = [self.tau1, 0.0, 0.0, 0.0]
-        self.x, self.z = self.f(self.x, self.z, u, u, self.p, t, h)
+        self.x, self.z = self.f(self.x, self.z, u, u, self.p, t, h)[:2]
         self.q_H = float(self.x[2])
         return Fmi3StepResult(status=Fmi3Status.ok)
 '''
