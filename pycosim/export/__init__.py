@@ -70,8 +70,8 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
                      for e in plant.entries)
     lines = [f"{text}: {name}, {described}."]
     if unmeasured:
-        lines.append(f"Of its friction and effect parameters, {unmeasured} are the library's defaults, not the study's: "
-                     "the documentation inside, and export.json, mark them.")
+        lines.append(f"Of its friction and effect parameters, {unmeasured} are the library's defaults, not the "
+                     "study's: the documentation inside, and export.json, mark them.")
     return Export([name], {**description, "files": [name]}, lines)
 
 

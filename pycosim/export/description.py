@@ -259,8 +259,8 @@ class _Builder:
         found = []
         for k, n in enumerate(self.d.states):
             v = self._described(n)
-            text = f"Derivative of {n}"
-            found.append(Entry(Variable(f"der({n})", unit_of_rate(v.unit), text), "local", "continuous", "calculated", k))
+            rate = Variable(f"der({n})", unit_of_rate(v.unit), f"Derivative of {n}")
+            found.append(Entry(rate, "local", "continuous", "calculated", k))
         return found
 
     def _inputs(self):
@@ -337,7 +337,7 @@ class _Builder:
 
 
 def system(model, d):
-    """The equations behind a step, ``(x, z, u, p, t) -> (xdot, residual)``, for rates and derivatives without a solver."""
+    """The equations behind a step, ``(x, z, u, p, t) -> (xdot, residual)``: rates and derivatives need no solver."""
     wanted, _ = model.alternatives("simulate")[0]
     flat = replace(model.flat)  # solving adds derivatives to it
     solution = solve(flat, d.inputs, keep=wanted, explicit=False)
