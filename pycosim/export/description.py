@@ -386,6 +386,12 @@ def _depend(entries, sizes, sparsity):
         entry.depends = [k for k in entry.initially if k not in parameters]
 
 
+def c_name(text):
+    """The nearest name that C and Modelica take."""
+    name = re.sub(r"\W", "_", text, flags=re.ASCII)
+    return name if name[:1].isalpha() else f"m_{name}"
+
+
 def finite(value):
     """Whether a bound is one."""
     return math.isfinite(value)
