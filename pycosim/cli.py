@@ -36,12 +36,24 @@ VERBS = {
             "Without a place, every place is tried and the best by cross-validation is taken."),
     "improve": ("diagnose, add, refit, until nothing is left to learn", "ladder.json",
                 "pycosim improve study.toml --data run1.csv", ""),
+    "export": ("the identified machine as an FMU, C, Modelica or JSON, for other tools", "export.json",
+               "pycosim export study.toml --to fmu --fmi 3 --platforms all",
+               "The study's values and effects are taken as they are; no log is read."),
 }
 WRITES = {
     "compare": ("comparison.json",), "identify": ("parameters.json",), "diagnose": ("diagnosis.json",),
     "add": ("study.toml", "parameters.json", "comparison.json"),
     "improve": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
                 "study.toml", "model.mo"),
+    "export": ("export.json",),
+}
+# option of export: what it may be, what it is when not given, what it means
+EXPORT = {
+    "--to": (("fmu", "c", "modelica", "json"), "fmu", "what to write"),
+    "--fmi": (("2", "3"), "2", "version of the FMU"),
+    "--type": (("cs,me", "cs", "me"), "cs,me", "co-simulation, model exchange, or both in one file"),
+    "--platforms": (("host", "all"), "host", "binaries for this machine, or for linux, windows and macOS"),
+    "--real": (("double", "float"), "double", "numbers of the C export"),
 }
 
 
@@ -80,8 +92,10 @@ def build_parser():
             sub.add_argument("study", metavar="STUDY", help="study file (TOML)")
         if verb == "add":
             sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
+        for option, (choices, usual, meaning) in (EXPORT if verb == "export" else {}).items():
+            sub.add_argument(option, choices=choices, default=usual, help=f"{meaning} (default: {usual})")
         sub.add_argument("--data", nargs="+", metavar="FILE",
-                         help=argparse.SUPPRESS if verb == "demo" else "logs, instead of the study's own")
+                         help=argparse.SUPPRESS if verb in ("demo", "export") else "logs, instead of the study's own")
         default = "demo" if verb == "demo" else f"<study>_{verb}"
         folder = ("folder of the study (default: the current one)" if verb == "new"
                   else f"folder of the results (default: ./{default})")
@@ -108,6 +122,7 @@ def parse(argv):
     if unknown:
         what = "option" if unknown[0].startswith("-") else "argument"
         known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
+        known += EXPORT if known and arguments.verb == "export" else []
         raise UsageError(f"unknown {what} '{unknown[0]}'{closest(unknown[0], known)}; "
                          f"see 'pycosim {arguments.verb or ''} --help'".replace("  ", " "))
     if arguments.verb is None and argv:
@@ -275,7 +290,18 @@ def _improve(run, arguments):
     run.lines += run.results.summary_parameters(parameters)
 
 
-VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve}
+def _export(run, arguments):
+    from .export import export
+    run.progress("exporting")
+    kinds = arguments.type.split(",")
+    done = export(run.study, run.model, run.folder.temporary, arguments.to, int(arguments.fmi), kinds,
+                  arguments.platforms, arguments.real)
+    run.write("export.json", done.description)
+    run.lines += done.lines
+
+
+VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve,
+        "export": _export}
 
 
 def checked_effect(run, text):
@@ -485,8 +511,12 @@ def run_verb(arguments, progress):
     run = Run(arguments, progress)
     if arguments.verb == "add":
         run.effect = checked_effect(run, arguments.effect)
+    if arguments.verb == "export" and arguments.data:
+        raise UsageError("export reads no log, its values are the study's; 'pycosim identify STUDY --data FILE' finds "
+                         "them")
     with run.folder:
-        run.read()
+        if arguments.verb != "export":
+            run.read()
         VERB[arguments.verb](run, arguments)
     if arguments.json:
         return run.main

@@ -31,6 +31,10 @@ class NoAnswerError(PycosimError):
     """The model has no finite answer for these parameters and data."""
 
 
+class ExportError(PycosimError):
+    """A machine cannot be exported as asked, or its binary cannot be built."""
+
+
 def closest(name, known):
     """Return a clause that names the nearest known names.
 

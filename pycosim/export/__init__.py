@@ -1,0 +1,93 @@
+"""A study's machine in; an FMU, C, Modelica or JSON that other tools take, out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import ExportError
+
+__all__ = ["Export", "export"]
+
+
+@dataclass
+class Export:
+    """What an export made.
+
+    Attributes
+    ----------
+    files : list of str
+        Their names.
+    description : dict
+        Everything about the plant: variables, effects, structure.
+    lines : list of str
+        The same in sentences.
+    """
+
+    files: list
+    description: dict
+    lines: list
+
+
+def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms="host", real="double"):
+    """Write a study's machine for another tool.
+
+    Parameters
+    ----------
+    study : Study
+    model : Model
+        Its compiled rig with effects, from ``study.validate``.
+    folder : path
+        Where the files go.
+    to : str
+        ``fmu``, ``c``, ``modelica`` or ``json``.
+    fmi, kinds, platforms
+        Of an FMU, see `pycosim.export.fmu.export_fmu`.
+    real : str
+        ``double`` or ``float``, of the C export.
+
+    Returns
+    -------
+    Export
+
+    Raises
+    ------
+    ExportError, StudyError
+    """
+    from .description import c_name, describe, values
+    from .document import to_dict
+    if to == "c":
+        from .c import export_c
+        made = export_c(model, values(study, model), folder, c_name(study.name), real)
+        return Export([Path(f).name for f in made], {"schema": 1, "name": study.name, "rig": study.rig},
+                      [f"C: {', '.join(Path(f).name for f in made)}."])
+    plant = describe(study, model)
+    description = to_dict(plant)
+    name, text = _write(plant, description, study, model, Path(folder), to, fmi, kinds, platforms)
+    counts = {c: sum(e.causality == c for e in plant.entries) for c in ("input", "output", "parameter")}
+    described = f"{counts['input']} inputs, {counts['output']} outputs, {counts['parameter']} parameters"
+    unmeasured = sum(e.causality == "parameter" and e.variability == "tunable" and e.name not in plant.identified
+                     for e in plant.entries)
+    lines = [f"{text}: {name}, {described}."]
+    if unmeasured:
+        lines.append(f"Of its friction and effect parameters, {unmeasured} are the library's defaults, not the "
+                     "study's: the documentation inside, and export.json, mark them.")
+    return Export([name], {**description, "files": [name]}, lines)
+
+
+def _write(plant, description, study, model, folder, to, fmi, kinds, platforms):
+    """Write the one file of a target; its name and what it is."""
+    if to == "fmu":
+        from .fmu import export_fmu
+        return export_fmu(study, model, folder, fmi, kinds, platforms).name, f"FMU for FMI {fmi}.0"
+    if to == "modelica":
+        from .modelica import to_modelica
+        return _text(folder / f"{study.name}.mo", to_modelica(plant)), "Modelica"
+    if to == "json":
+        return "export.json", "JSON"
+    raise ExportError(f"no target '{to}'; there are fmu, c, modelica, json")
+
+
+def _text(path, text):
+    path.write_text(text, encoding="utf-8")
+    return path.name

@@ -1,0 +1,189 @@
+"""A plant in, the XML files of its FMU out: model description, build description, terminals."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as xml
+
+from .. import __version__
+from .description import finite
+from . import units
+
+LOG = {"logStatusError": "Why a call failed", "logStatusDiscard": "Why a point was refused, to be tried closer"}
+
+
+def model_description(plant, fmi, kinds, identifier, token):
+    """``modelDescription.xml``.
+
+    Parameters
+    ----------
+    plant : Plant
+    fmi : int
+        2 or 3.
+    kinds : sequence of str
+        ``cs``, ``me``.
+    identifier : str
+        Name of the binary and prefix of its functions.
+    token : str
+        GUID or instantiation token.
+
+    Returns
+    -------
+    bytes
+    """
+    root = _root(plant, fmi, token)
+    for kind in ("me", "cs"):
+        if kind in kinds:
+            _interface(root, fmi, kind, identifier)
+    _units(root, plant)
+    categories = xml.SubElement(root, "LogCategories")
+    for name, text in LOG.items():
+        xml.SubElement(categories, "Category", name=name, description=text)
+    xml.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize="0.001")
+    variables = xml.SubElement(root, "ModelVariables")
+    for number, entry in enumerate(plant.entries):
+        (_variable2 if fmi == 2 else _variable3)(variables, number, entry)
+    (_structure2 if fmi == 2 else _structure3)(xml.SubElement(root, "ModelStructure"), plant)
+    return _bytes(root)
+
+
+def build_description(fmi, identifier):
+    """``sources/buildDescription.xml`` of FMI 3."""
+    root = xml.Element("fmiBuildDescription", fmiVersion="3.0")
+    build = xml.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
+    files = xml.SubElement(build, "SourceFileSet", language="C99")
+    xml.SubElement(files, "SourceFile", name=f"fmi{fmi}.c")
+    return _bytes(root)
+
+
+def terminals(plant):
+    """``terminalsAndIcons/terminalsAndIcons.xml`` of FMI 3."""
+    root = xml.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
+    graphics = xml.SubElement(root, "GraphicalRepresentation")
+    box = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
+    xml.SubElement(graphics, "CoordinateSystem", **box, suggestedScalingFactorTo_mm="0.1")
+    xml.SubElement(graphics, "Icon", **box)
+    group = xml.SubElement(root, "Terminals")
+    for name, members in plant.terminals:
+        terminal = xml.SubElement(group, "Terminal", name=name, matchingRule="bus",
+                                  description=f"Rotational connection of {name}")
+        for member, variable in members.items():
+            xml.SubElement(terminal, "TerminalMemberVariable", variableName=variable, memberName=member,
+                           variableKind="signal")
+    return _bytes(root)
+
+
+def _bytes(root):
+    xml.indent(root, "  ")
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + xml.tostring(root, encoding="utf-8") + b"\n"
+
+
+def _root(plant, fmi, token):
+    given = {"fmiVersion": f"{fmi}.0", "modelName": plant.name,
+             "guid" if fmi == 2 else "instantiationToken": token,
+             "description": f"{plant.rig}: {plant.description}", "generationTool": f"pycosim {__version__}",
+             "variableNamingConvention": "structured"}
+    if fmi == 2:
+        given["numberOfEventIndicators"] = str(plant.sizes["e"])
+    return xml.Element("fmiModelDescription", given)
+
+
+def _interface(root, fmi, kind, identifier):
+    state = "State" if fmi == 3 else "state"
+    given = {"modelIdentifier": identifier, f"canGetAndSetFMU{state}": "true", f"canSerializeFMU{state}": "true"}
+    if fmi == 2:
+        given.update(providesDirectionalDerivative="true", canNotUseMemoryManagementFunctions="true")
+    else:
+        given.update(providesDirectionalDerivatives="true", providesAdjointDerivatives="true")
+    if kind == "cs":
+        given["canHandleVariableCommunicationStepSize"] = "true"
+        if fmi == 2:
+            given["canInterpolateInputs"] = "true"
+    element = xml.SubElement(root, "CoSimulation" if kind == "cs" else "ModelExchange", given)
+    if fmi == 2:
+        xml.SubElement(xml.SubElement(element, "SourceFiles"), "File", name="fmi2.c")
+
+
+def _units(root, plant):
+    group = xml.SubElement(root, "UnitDefinitions")
+    for unit in dict.fromkeys(e.variable.unit for e in plant.entries if not e.boolean):
+        element = xml.SubElement(group, "Unit", name=unit)
+        powers = units.exponents(unit)
+        if powers is not None:
+            base = {k: str(n) for k, n in powers.items()}
+            if units.offset(unit):
+                base["offset"] = repr(units.offset(unit))
+            xml.SubElement(element, "BaseUnit", base)
+        if units.display(unit):
+            name, factor = units.display(unit)
+            xml.SubElement(element, "DisplayUnit", name=name, factor=repr(factor))
+
+
+def _attributes(entry):
+    """Attributes of a real variable that both versions share; Booleans have none of them."""
+    v, given = entry.variable, {}
+    if entry.boolean:
+        return given
+    given["unit"] = v.unit
+    if units.display(v.unit):
+        given["displayUnit"] = units.display(v.unit)[0]
+    given.update({k: repr(float(getattr(v, k))) for k in ("min", "max") if finite(getattr(v, k))})
+    if v.nominal not in (0.0, 1.0):
+        given["nominal"] = repr(abs(float(v.nominal)))
+    return given
+
+
+def _common(number, entry):
+    given = {"name": entry.name, "valueReference": str(number)}
+    if entry.variable.description:
+        given["description"] = entry.variable.description
+    given.update(causality=entry.causality, variability=entry.variability)
+    if entry.initial:
+        given["initial"] = entry.initial
+    return given
+
+
+def _start(entry):
+    needed = entry.initial == "exact" or entry.causality == "input"
+    return {"start": repr(float(entry.variable.value))} if needed else {}
+
+
+def _variable2(group, number, entry):
+    scalar = xml.SubElement(group, "ScalarVariable", _common(number, entry))
+    derivative = {} if entry.state is None else {"derivative": str(entry.state + 2)}
+    xml.SubElement(scalar, "Boolean" if entry.boolean else "Real",
+                   {**_attributes(entry), **_start(entry), **derivative})
+
+
+def _variable3(group, number, entry):
+    derivative = {} if entry.state is None else {"derivative": str(entry.state + 1)}
+    xml.SubElement(group, "Boolean" if entry.boolean else "Float64",
+                   {**_common(number, entry), **_attributes(entry), **derivative, **_start(entry)})
+
+
+def _unknowns(plant):
+    """Numbers of outputs, of derivatives, and of what is computed at the start."""
+    outputs = [k for k, e in enumerate(plant.entries) if e.causality == "output"]
+    rates = [k for k, e in enumerate(plant.entries) if e.state is not None]
+    initial = [k for k, e in enumerate(plant.entries) if e.initial == "calculated"
+               and (k in rates or e.causality in ("output", "calculatedParameter"))]
+    return outputs, rates, initial
+
+
+def _structure2(structure, plant):
+    outputs, rates, initial = _unknowns(plant)
+    for name, numbers, which in (("Outputs", outputs, "depends"), ("Derivatives", rates, "depends"),
+                                 ("InitialUnknowns", initial, "initially")):
+        group = xml.SubElement(structure, name) if numbers else None
+        for k in numbers:
+            known = " ".join(str(n + 1) for n in getattr(plant.entries[k], which))
+            xml.SubElement(group, "Unknown", index=str(k + 1), dependencies=known)
+
+
+def _structure3(structure, plant):
+    outputs, rates, initial = _unknowns(plant)
+    margins = [k for k, e in enumerate(plant.entries) if e.name.endswith(".still_margin")]
+    for name, numbers, which in (("Output", outputs, "depends"), ("ContinuousStateDerivative", rates, "depends"),
+                                 ("InitialUnknown", initial, "initially"), ("EventIndicator", margins, "depends")):
+        for k in numbers:
+            known = " ".join(map(str, getattr(plant.entries[k], which)))
+            xml.SubElement(structure, name, valueReference=str(k), dependencies=known)

@@ -1,0 +1,176 @@
+"""What is inside the file: the same bytes each time, nothing of the machine it was made on, sources that build."""
+
+import re
+import shutil
+import subprocess
+import zipfile
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import pytest
+from fmpy.build import build_platform_binary
+
+from pycosim.cli import main
+from pycosim.errors import ExportError
+from pycosim.export import build, fmu as fmu_module
+from pycosim.export.units import exponents
+from pycosim.study import Column
+
+from driver import OK, Instance
+
+
+def test_the_same_study_gives_the_same_bytes(fmu, study, model, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYCOSIM_CACHE", str(tmp_path / "empty"))  # compiled again, in another folder
+    again = fmu_module.export_fmu(study("GearedJoint"), model("GearedJoint"), tmp_path, fmu.fmi)
+    assert again.read_bytes() == fmu.path.read_bytes()
+
+
+def test_no_path_of_this_machine_is_inside(fmu):
+    with zipfile.ZipFile(fmu.path) as archive:
+        for name in archive.namelist():
+            for trace in (b"/home/", b"/tmp/", b"/work/", str(fmu.folder.parent).encode()):
+                assert trace not in archive.read(name), name
+
+
+def test_the_binary_shows_the_standards_functions_and_nothing_else(fmu):
+    tool = shutil.which("nm") or pytest.skip("no nm")
+    library = next((fmu.folder / "binaries").rglob("*.so"), None) or pytest.skip("not linux")
+    shown = subprocess.run([tool, "-D", "--defined-only", str(library)], capture_output=True, text=True, check=True)
+    functions = {line.split()[-1] for line in shown.stdout.splitlines()}
+    header = (fmu.folder / "sources" / f"fmi{fmu.fmi}Functions.h").read_text()
+    declared = re.findall(rf"FMI{fmu.fmi}_Export\s+\w+TYPE\s+(\w+);", header)
+    assert functions == set(declared) and len(declared) > 40
+
+
+def test_the_sources_build_without_a_warning(fmu, tmp_path):
+    tool = shutil.which("gcc") or pytest.skip("no gcc")
+    done = subprocess.run([tool, "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-c", f"fmi{fmu.fmi}.c", "-o",
+                           str(tmp_path / "fmu.o")], cwd=fmu.folder / "sources", capture_output=True, text=True)
+    assert done.returncode == 0 and done.stderr == ""
+
+
+def test_fmpys_builder_rebuilds_it(fmu, tmp_path):
+    shutil.which("cmake") or pytest.skip("no cmake")
+    shutil.copytree(fmu.folder, tmp_path / "again")
+    library = next((tmp_path / "again" / "binaries").rglob("*.so"))
+    library.unlink()
+    build_platform_binary(tmp_path / "again")
+    assert library.stat().st_size > 0
+
+
+def test_every_file_an_importer_looks_for(fmu):
+    with zipfile.ZipFile(fmu.path) as archive:
+        names = archive.namelist()
+        dates = {i.date_time for i in archive.infolist()}
+    wanted = ["documentation/index.html", "sources/instance.c"]
+    wanted += ["model.png"] if fmu.fmi == 2 else ["sources/buildDescription.xml", "terminalsAndIcons/icon.png",
+                                                  "terminalsAndIcons/terminalsAndIcons.xml"]
+    assert set(wanted) < set(names) and names[0] == "modelDescription.xml" and dates == {(1980, 1, 1, 0, 0, 0)}
+
+
+def test_terminals_name_variables_that_exist(built):
+    fmu = built("HipKnee", 3)
+    root = ElementTree.parse(fmu.folder / "terminalsAndIcons" / "terminalsAndIcons.xml")
+    found = {t.get("name"): [m.get("variableName") for m in t] for t in root.iter("Terminal")}
+    assert {"motor1", "motor2", "outside_H", "outside_K"} == set(found)
+    assert all(name in fmu.vr for names in found.values() for name in names)
+    assert "tau1" in found["motor1"] and {"push_H", "q_H"} < set(found["outside_H"])
+
+
+def test_the_structure_lists_every_dependency(built):
+    """What the derivatives of the FMU feel is in the model structure: probed by directional derivatives."""
+    fmu = built("HipKnee", 2)
+    plant = Instance(fmu, me=True, started=False)
+    plant.set_up(q_H=0.4, q_K=-0.3, leg__w_H=0.5, leg__w_K=-0.4, s1A__z=0.5, s2A__z=-0.5, tau1=0.5, tau2=0.3)
+    unknowns = fmu.description.outputs + fmu.description.derivatives
+    known = [v.name for v in fmu.description.modelVariables if v.causality == "input" or v.name in plant_states(fmu)]
+    real = [u for u in unknowns if u.variable.type == "Real"]
+    for name in known:
+        felt = plant.directional([u.variable.name for u in real], [name], [1.0])
+        for unknown, value in zip(real, felt):
+            if value:
+                assert name in [v.name for v in unknown.dependencies], (unknown.variable.name, name)
+
+
+def plant_states(fmu):
+    return {u.variable.derivative.name for u in fmu.description.derivatives}
+
+
+def test_a_study_in_currents_takes_currents(study, model, tmp_path):
+    from driver import Fmu
+    column = {"Iq": Column("motor.tau", "A", k_m=0.12)}
+    path = fmu_module.export_fmu(replace(study("GearedJoint"), columns=column), model("GearedJoint"), tmp_path)
+    plant = Instance(Fmu(path, tmp_path / "unpacked"))
+    assert plant.set("Iq", 5.0) == OK
+    assert plant.get("tau", "k_m_Iq") == [pytest.approx(0.6), 0.12]
+    assert plant.directional(["tau"], ["Iq"], [1.0]) == [pytest.approx(0.12)]
+
+
+def test_one_interface_alone(study, model, tmp_path):
+    path = fmu_module.export_fmu(study("ScrewDrive"), model("ScrewDrive"), tmp_path, 3, ("cs",))
+    text = zipfile.ZipFile(path).read("modelDescription.xml").decode()
+    assert "<CoSimulation" in text and "<ModelExchange" not in text
+
+
+@pytest.mark.parametrize(("unit", "powers"), [
+    ("N.m", {"kg": 1, "m": 2, "s": -2}), ("1/(N.m)", {"kg": -1, "m": -2, "s": 2}), ("kg.m2", {"kg": 1, "m": 2}),
+    ("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}), ("1", {}), ("rad/s2", {"s": -2, "rad": 1}),
+    ("furlong", None)])
+def test_units_are_taken_apart(unit, powers):
+    assert exponents(unit) == powers
+
+
+def test_without_any_compiler_one_sentence_says_so(monkeypatch):
+    monkeypatch.setattr(build.shutil, "which", lambda name: None)
+    monkeypatch.setattr(build.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ExportError, match="pip install ziglang"):
+        build.compiler(build.host())
+
+
+def test_a_failing_compiler_leaves_nothing(study, model, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYCOSIM_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(build, "FLAGS", ["-no-such-flag-at-all"])
+    (tmp_path / "out").mkdir()
+    with pytest.raises(ExportError, match="C compiler"):
+        fmu_module.export_fmu(study("ScrewDrive"), model("ScrewDrive"), tmp_path / "out")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_five_platforms_from_one_machine(study, model, tmp_path, fmi):
+    pytest.importorskip("ziglang")
+    path = fmu_module.export_fmu(study("ScrewDrive"), model("ScrewDrive"), tmp_path, fmi, platforms="all")
+    with zipfile.ZipFile(path) as archive:
+        found = {n: archive.read(n) for n in archive.namelist() if n.startswith("binaries/")}
+    assert len(found) == (4 if fmi == 2 else 5)  # FMI 2 has one folder for macOS: a universal library
+    for name, content in found.items():
+        magic = {".so": b"\x7fELF", ".dll": b"MZ"}.get(name[name.rindex("."):])
+        assert content.startswith(magic or (b"\xca\xfe\xba\xbe" if fmi == 2 else b"\xcf\xfa\xed\xfe"))
+        assert b"/tmp/" not in content and (b"@rpath/" in content) == name.endswith(".dylib")
+    linux = next(c for n, c in found.items() if "linux64" in n or "x86_64-linux" in n)
+    needed = {tuple(map(int, v.split(b"."))) for v in re.findall(rb"GLIBC_([0-9.]+)\0", linux)}
+    assert needed and max(needed) <= (2, 17)
+
+
+def test_the_command_line_writes_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text('[rig]\nmodel = "DriveTrain.Rigs.ScrewDrive"\n')
+    assert main(["export", "arm.toml", "--fmi", "3"]) == 0
+    assert "1 inputs" in capsys.readouterr().out
+    assert {p.name for p in (tmp_path / "arm_export").iterdir()} >= {"arm_fmi3.fmu", "export.json"}
+    for bad, word in ((["nothing.toml"], "no study"), (["arm.toml", "--to", "fmx"], "fmu"),
+                      (["arm.toml", "--data", "x.csv"], "reads no log")):
+        assert main(["export", *bad]) == 2
+        said = capsys.readouterr().err
+        assert word in said and len(said.splitlines()) == 1
+
+
+def test_the_modelica_text_compiles_to_the_same_machine(study, model, library):
+    """Plain Modelica: the second compiler takes it as well."""
+    from pycosim.export.description import describe
+    from pycosim.export.modelica import to_modelica
+    text = to_modelica(describe(study("GearedJoint"), model("GearedJoint")))
+    flat = library.flatten("GearedJoint.Machine", text)
+    assert flat.parameters["gear.f0"].value == 0.04 and flat.parameters["stribeck_gear.fs"].value == 0.01
+    assert len(flat.equations) == len(model("GearedJoint").flat.equations)

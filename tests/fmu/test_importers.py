@@ -1,0 +1,99 @@
+"""Other people's importers take the FMUs without a complaint, and find the numbers that Python finds."""
+
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+from fmpy.validation import validate_fmu
+
+from pycosim.export.description import values
+from pycosim.simulate import simulate
+
+from driver import RIGS
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("rig", RIGS)
+def test_fmpy_finds_nothing_to_complain_about(built, rig, fmi):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert validate_fmu(str(built(rig, fmi).path)) == []
+
+
+def reference(model, study, start, stop, step=1e-3):
+    time = np.arange(0.0, stop + 1e-9, 1e-3)
+    return time, simulate(model("GearedJoint"), {"tau": np.full(len(time), 0.7)}, time,
+                          values(study("GearedJoint"), model("GearedJoint")), start, step)
+
+
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+def test_fmpy_simulates_both_interfaces(fmu, model, study, kind, capfd):
+    """The importer's solver of model exchange is held against steps fine enough not to matter, below the upright."""
+    time, expected = reference(model, study, {"q": 0.1}, 0.3, 1e-3 if kind == "CoSimulation" else 2e-5)
+    names = ["q", "w", "C", "gear.loss", "gear.still"]
+    found = simulate_fmu(str(fmu.path), stop_time=0.3, output_interval=1e-2, fmi_type=kind, output=names,
+                         start_values={"q": 0.1, "tau": 0.7}, relative_tolerance=1e-10, record_events=False)
+    shown = capfd.readouterr()
+    assert shown.out == shown.err == ""
+    assert len(found["time"]) == 31
+    for name in ("q", "w"):
+        other = np.interp(found["time"], time, expected[name])
+        # where friction sets in and lets go, CVode's global error is some thousand times its tolerance
+        assert np.abs(found[name] - other).max() < (1e-9 if kind == "CoSimulation" else 1e-6) * np.abs(other).max()
+    assert found["gear.still"][0] and not found["gear.still"][-1]
+
+
+def test_casadi_imports_the_equations(fmu):
+    """CasADi's own importer: the derivative of the states, and its derivatives, through the FMU's functions."""
+    dae = ca.DaeBuilder("plant", str(fmu.folder), {"debug": False})
+    assert dae.x() == [v.name for v in fmu.description.modelVariables if v.initial == "exact" and v.causality
+                       in ("output", "local")]
+    dae.set_start("gear.f0", 0.04)
+    f = dae.create("f", ["x", "u"], ["ode"])
+    x, u = [0.5, 0.2, 0.3], [0.6, 0.1]
+    jacobian = f.jacobian()(x, u, ca.DM.zeros(3, 1))[0]
+    step = 1e-6
+    for k in range(3):
+        up, down = (np.array(x) + s * step * np.eye(3)[k] for s in (1, -1))
+        difference = (f(up, u) - f(down, u)) / (2 * step)
+        assert np.allclose(jacobian[:, k], difference, rtol=1e-5, atol=1e-5)
+
+
+_ECOS = """
+import sys
+from ecospy import EcosSimulationStructure, EcosSimulation
+structure = EcosSimulationStructure()
+structure.add_model("plant", sys.argv[1])
+structure.add_parameter_set("initial", {"plant::tau": 0.7, "plant::q": 0.1})
+with EcosSimulation(structure=structure, step_size=1e-2) as simulation:
+    simulation.init(parameter_set="initial")
+    simulation.step(50)
+    print(simulation.get_real("plant::q").hex())
+    simulation.terminate()
+"""
+
+
+def test_ecos_simulates_it(fmu, model, study):
+    environment = {**os.environ, "LD_LIBRARY_PATH": str(Path(sys.prefix) / "lib")}  # where the wheel of tbb is
+    if subprocess.run([sys.executable, "-c", "import ecospy"], env=environment, capture_output=True).returncode:
+        pytest.skip("ecospy, or the tbb it needs, is not installed")
+    _, expected = reference(model, study, {"q": 0.1}, 0.5)
+    done = subprocess.run([sys.executable, "-c", _ECOS, str(fmu.path)], capture_output=True, text=True, timeout=60,
+                          env=environment)
+    assert done.returncode == 0, done.stderr
+    assert float.fromhex(done.stdout.split()[-1]) == pytest.approx(expected["q"][-1], abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["with space", "größe", "per%20cent", "has#hash"])
+def test_paths_of_all_kinds(fmu, tmp_path, name):
+    path = tmp_path / name / f"{name}.fmu"
+    path.parent.mkdir()
+    path.write_bytes(fmu.path.read_bytes())
+    found = simulate_fmu(str(path), stop_time=0.01, start_values={"tau": 0.7})
+    assert np.isfinite(found["q"]).all()
