@@ -383,7 +383,8 @@ def solve(flat, known, keep=(), explicit=True):
     keep : list of str
         States to keep rather than eliminate, where there is a choice.
     explicit : bool
-        Solve what is left in closed form (``estimate``, ``compensate``); else leave it as residuals (``simulate``).
+        Solve what is left in closed form (``estimate``, ``compensate``); else (``simulate``) only what follows from the
+        states and their rates, and leave residuals for these.
 
     Returns
     -------
@@ -396,7 +397,7 @@ def solve(flat, known, keep=(), explicit=True):
     """
     flat.derivatives = dict(flat.derivatives)
     system = _System(flat, known)
-    system.bent = _bent(flat) - system.differentiated if explicit else set()
+    system.bent = _bent(flat) - system.differentiated
     _eliminate(system, set(keep))
     rates = {flat.derivatives[x] for x in system.differentiated}
     solution = Solution(system.symbols)
@@ -412,8 +413,34 @@ def solve(flat, known, keep=(), explicit=True):
     solution.algebraic, solution.residuals = unknowns, residuals
     if explicit:
         _close(flat, system, solution)
+    else:
+        _tear(flat, system, solution, rates)
     _substitute_back(system, solution)
     return solution
+
+
+def _tear(flat, system, solution, rates):
+    """Solve one by one, in closed form, what follows once the rates are known; the rest stays residuals."""
+    waiting = [(r, system.names(r) - set(solution.states) - rates) for r in solution.residuals]
+    closed, left = [], []
+    while waiting:
+        waiting.sort(key=lambda item: len(item[1]))
+        residual, names = waiting.pop(0)
+        result = None
+        if len(names) == 1:
+            x = [system.symbols[n] for n in names]
+            result = piecewise_linear([residual], x)
+        if result is None or not _solves([residual], x, result, flat.parameters):
+            left.append(residual)
+            continue
+        closed += zip(names, result)
+        waiting = [(r, others - names) for r, others in waiting]
+    system.solved += reversed(closed)
+    symbols = [system.symbols[n] for n, _ in closed]
+    for n, s in zip(reversed(closed), reversed(symbols)):
+        left = ca.substitute(left, [s], [n[1]])
+    solution.residuals = left
+    solution.algebraic = [n for n in solution.algebraic if n not in dict(closed)]
 
 
 def _close(flat, system, solution):
