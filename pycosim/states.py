@@ -7,13 +7,14 @@ whole log are a linear recursion.
 
 from __future__ import annotations
 
+import inspect
+
 import casadi as ca
 import numpy as np
 
 from .compile import ArrayFunction
 from .errors import ModelicaError
 
-_STILL = 1e-12  # a step's move, in travels, below which nothing slides
 
 
 def dependent_parameters(question):
@@ -23,7 +24,7 @@ def dependent_parameters(question):
     return [n for n, s in zip(question.parameters, ca.vertsplit(p)) if question.states and ca.depends_on(rate, s)]
 
 
-def advance(rate, x, h):
+def advance(rate, x, h, p):
     """Friction states after a time, everything else held: exact, and stable for any step.
 
     Parameters
@@ -32,6 +33,8 @@ def advance(rate, x, h):
         Rates, and the symbols of the states, which lie between -1 and 1.
     h : SX
         Time [s].
+    p : SX
+        Symbols of the parameters.
 
     Returns
     -------
@@ -40,9 +43,13 @@ def advance(rate, x, h):
     Raises
     ------
     ModelicaError
-        A state is coupled to another, or its rate is neither straight nor constant and then straight.
+        A rate is neither straight in its state, nor that of an elastic displacement that slides.
     """
-    return ca.vertcat(ca.SX(0, 1), *[_advance(r, s, h) for r, s in zip(ca.vertsplit(rate), ca.vertsplit(x))])
+    found = [ca.SX(0, 1)]
+    for r, s in zip(ca.vertsplit(rate), ca.vertsplit(x)):
+        line = _line(r, s, h)
+        found.append(line[0] * s + line[1] if line else _along(s, *_move(r, s, h, p), *_pieces(r, s, p)))
+    return ca.vertcat(*found)
 
 
 def coupled(rate, x):
@@ -51,57 +58,71 @@ def coupled(rate, x):
             if any(ca.depends_on(r, s) for j, s in enumerate(ca.vertsplit(x)) if j != i)]
 
 
-def _advance(rate, x, h):
+def _line(rate, x, h):
+    """Growth and drive of ``x+ = growth x + drive`` where the rate is straight in the state, else None."""
     slope = ca.jacobian(rate, x)
-    if not ca.depends_on(slope, x):
-        growth, drive = _line(rate, x, slope, h)
-        return growth * x + drive
-    return _along(x, *_pieces(rate, x, slope, h))
-
-
-def _pieces(rate, x, slope, h):
-    """What a step needs of a rate that is constant first and then straight: none of it depends on the state.
-
-    Returns the free move, its direction, where the straight piece begins and where it ends, and the inverse of the
-    distance between.
-    """
-    toward = ca.sign(ca.substitute(rate, x, 0.0))
-    end, steep = (ca.substitute(e, x, toward) for e in (rate, slope))
-    ahead = ca.substitute(rate, x, -toward)
-    _check_pieces(rate, x, ahead, end, steep, toward)
-    still = ca.fabs(ahead) * h < _STILL
-    steep, one = ca.if_else(still, -1.0, steep), ca.if_else(still, 1.0, ahead)  # nothing divides by a speed of zero
-    limit = toward - end / steep
-    return ahead * h, ca.if_else(still, 0.0, toward), limit + one / steep, limit, steep / one
-
-
-def _along(x, move, toward, bend, limit, ratio):
-    """State after a free move as far as the bend, and then towards the limit."""
-    far = x + move
-    corner = toward * ca.fmin(toward * far, ca.fmax(toward * x, toward * bend))
-    return ca.if_else(toward == 0, far, limit + (corner - limit) * ca.exp(ratio * (far - corner)))
-
-
-def _line(rate, x, slope, h):
-    """Growth and drive of ``x+ = growth x + drive`` where the rate is straight in the state."""
+    if ca.depends_on(slope, x):
+        return None
     y = ca.densify(slope) * h
     series = ca.if_else(ca.fabs(y) > 1e-6, (ca.exp(y) - 1) / ca.if_else(y == 0, 1, y), 1 + y / 2)
     return ca.exp(y), ca.substitute(rate, x, 0.0) * h * series
 
 
-def _check_pieces(rate, x, ahead, end, steep, toward):
-    """Compare a rate with its two pieces, by numbers."""
-    line = end + steep * (x - toward)
-    pieces = toward * ca.fmin(toward * ahead, toward * line)
-    names = ca.symvar(ca.vertcat(rate, pieces))
-    check = ca.Function("check", names, [rate - pieces, rate])
-    rng = np.random.default_rng(3)
+def _free(rate, x, p):
+    """Rate of an elastic displacement that does not slide: its gradient at rest, by what drives it."""
+    parameters = {s.name() for s in ca.symvar(p)}
+    drives = ca.vertcat(*[s for s in ca.symvar(rate) if s.name() not in {x.name(), *parameters}], ca.SX(0, 1))
+    at_rest = ca.vertcat(x, drives), ca.DM.zeros(1 + drives.numel())
+    return ca.substitute(ca.jacobian(rate, drives), *at_rest), drives
+
+
+def _move(rate, x, h, p):
+    """Free move of an elastic displacement, and its direction."""
+    free = ca.mtimes(*_free(rate, x, p))
+    return free * h, ca.sign(free)
+
+
+def _along(x, move, toward, bend, bend_turn, limit, limit_turn, ratio, ratio_turn):
+    """Displacement after a free move as far as the bend, and from there towards the limit."""
+    far, bend, limit = x + move, bend + toward * bend_turn, limit + toward * limit_turn
+    corner = ca.fmin(ca.fmax(bend, ca.fmin(x, far)), ca.fmax(x, far))
+    return limit + (corner - limit) * ca.exp((ratio + toward * ratio_turn) * (far - corner))
+
+
+def _pieces(rate, x, p):
+    """Bend, limit and inverse length of an elastic displacement that slides, from its rate.
+
+    Relative to the free rate, the rate depends on nothing but the direction, the state and
+    parameters: free as far as the bend, then straight down to zero at the limit. Each comes as the mean of both
+    directions and half their difference.
+    """
+    gradient, drives = _free(rate, x, p)
+    free = ca.mtimes(gradient, drives)
+    found = []
+    for way in (1.0, -1.0):
+        some = ca.substitute(rate / free, drives, way * gradient.T)  # any motion in this direction
+        slope = ca.substitute(ca.jacobian(some, x), x, way)
+        limit = way - ca.substitute(some, x, way) / slope
+        found.append((limit + 1 / slope, limit, slope))
+    pieces = [part for one, other in zip(*found) for part in ((one + other) / 2, (one - other) / 2)]
+    _check_pieces(rate, x, free, pieces, p)
+    return pieces
+
+
+def _check_pieces(rate, x, free, pieces, p):
+    """Compare a rate with its pieces, by numbers."""
+    toward = ca.sign(free)
+    limit, ratio = (pieces[k] + toward * pieces[k + 1] for k in (2, 4))
+    error = rate - free * ca.fmin(1, ratio * (x - limit))
+    names = ca.symvar(ca.vertcat(error, free, *pieces))
+    check = ca.Function("check", names, [error, free])
+    parameters, rng = {s.name() for s in ca.symvar(p)}, np.random.default_rng(3)
     for _ in range(32):
-        point = [rng.uniform(-1, 1) if n.name() == x.name() else rng.uniform(0.1, 0.9) for n in names]
+        point = [rng.uniform(0.1 if n.name() in parameters else -0.9, 0.9) for n in names]
         error, size = (abs(float(v)) for v in check.call(point))
-        if error > 1e-9 * (1 + size):
-            raise ModelicaError(f"the state '{x}' moves neither along a straight line nor freely first and then along "
-                                "one, at a given speed; write its rate as a(w) x + b(w)")
+        if not error <= 1e-9 * (1 + size):
+            raise ModelicaError(f"at a given speed the rate of '{x.name()}' is not straight in it, nor that of an elastic "
+                                "displacement that slides; write an effect's state as x' = a(w) x + b(w)")
 
 
 class _Steps:
@@ -116,12 +137,12 @@ class _Steps:
             raise ModelicaError(f"the states {', '.join(question.states)} are coupled to one another; write an effect's "
                                 "state as x' = a(w) x + b(w)")
         self.h, states, rates = ca.SX.sym("h"), ca.vertsplit(self.x), ca.vertsplit(rate)
-        slopes = [ca.jacobian(r, s) for r, s in zip(rates, states)]
-        self.straight = [i for i, (a, s) in enumerate(zip(slopes, states)) if not ca.depends_on(a, s)]
-        self.bent = [i for i in range(len(states)) if i not in self.straight]
-        self.lines = [_line(rates[i], states[i], slopes[i], self.h) for i in self.straight]
-        self.pieces = [_pieces(rates[i], states[i], slopes[i], self.h) for i in self.bent]
-        self.after = advance(rate, self.x, self.h)
+        lines = [_line(r, s, self.h) for r, s in zip(rates, states)]
+        self.straight = [i for i, line in enumerate(lines) if line]
+        self.bent = [i for i, line in enumerate(lines) if not line]
+        self.lines = [lines[i] for i in self.straight]
+        self.pieces = [(*_move(rates[i], states[i], self.h, self.p), *_pieces(rates[i], states[i], self.p)) for i in self.bent]
+        self.after = advance(rate, self.x, self.h, self.p)
 
     def coefficients(self):
         """``(inputs, parameters, h)`` to the coefficients of the straight ones, then of the bent ones."""
@@ -206,12 +227,12 @@ def _walk(pieces, keep):
     The log is cut into rows that advance side by side, each from what the row before ended with in the sweep before:
     friction forgets as it slides, so that a few sweeps settle all rows. Only rows whose start changed go again.
     """
-    m, n = len(pieces) // 5, len(keep)
+    names = [ca.SX.sym(n) for n in ("x", *inspect.signature(_along).parameters, "keep")][1:]
+    m, n = len(pieces) // (len(names) - 2), len(keep)
     width = int(np.ceil(np.sqrt(n)))
     rows = -(-n // width)
     fill = ((0, 0), (0, rows * width - n))
-    data = np.pad(np.vstack([pieces, np.tile(keep, (m, 1))]), fill).reshape(6, m * rows, width)
-    names = [ca.SX.sym(n) for n in ("x", "move", "toward", "bend", "limit", "ratio", "keep")]
+    data = np.pad(np.vstack([pieces, np.tile(keep, (m, 1))]), fill).reshape(len(names) - 1, m * rows, width)
     step = ArrayFunction(ca.Function("along", names, [names[-1] * _along(*names[:-1])]))
     states, starts, todo = np.zeros((m * rows, width)), np.zeros(m * rows), np.arange(m * rows)
     while len(todo):

@@ -60,39 +60,122 @@ class System:
         self.start = ca.vertcat(z, *[rates[i] for i in loose])
         self.residual = ca.vertcat(*residuals, *[rates[i] - self.rates[i] for i in loose])
 
-    def place(self):
-        """``(y, x0, base, mean, c, u, p, t) -> x``: states of a stage for its unknowns.
+    def stage(self):
+        """Correction of a stage's unknowns, and its states, with what only the parameters ask for worked out before.
 
         A state is ``base + c[0] rate``; friction states start at ``x0`` and see the others at ``mean + c[1] x`` for
         ``c[2]`` seconds.
-        """
-        x0, base, mean = (ca.SX.sym(n, self.x.numel()) for n in ("x0", "base", "mean"))
-        c = ca.SX.sym("c", 3)
-        x = ca.vertsplit(self.x)
-        stage = ca.vertsplit(base)
-        for i in self.order:
-            if i in self.held:
-                others = [mean[j] + c[1] * stage[j] if j != i else x0[i] for j in range(len(x))]
-                own = ca.substitute(self.rates[i], ca.vertcat(*x[:i], *x[i + 1:]), ca.vertcat(*others[:i], *others[i + 1:]))
-                stage[i] = ca.substitute(advance(own, x[i], c[2]), x[i], x0[i])
-            else:
-                stage[i] = base[i] + c[0] * ca.substitute(self.rates[i], self.x, ca.vertcat(*stage))
-        arguments = [self.unknown, x0, base, mean, c, *self.known]
-        return ca.Function("place", arguments, [ca.cse(ca.densify(ca.vertcat(*stage, ca.SX(0, 1))))])
 
-    def newton(self, place):
-        """``(y, x0, base, mean, c, u, p, t) -> y, size, miss``: one correction of the unknowns.
-
-        With its relative size, and by how much the equations failed before it.
+        Returns
+        -------
+        prepare : casadi.Function
+            ``p -> q``
+        newton : casadi.Function
+            ``(y, x0, base, mean, c, u, q, t) -> y, size, miss``: with the correction's relative size, and by how much
+            the equations failed before it.
+        place : casadi.Function
+            ``(y, x0, base, mean, c, u, q, t) -> x``
         """
-        arguments = place.sx_in()
-        y, known = arguments[0], arguments[5:]
-        residual = ca.substitute(self.residual, ca.vertcat(self.unknown, self.x, *self.known),
-                                 ca.vertcat(y, place(*arguments), *known))
-        change = _solve(ca.jacobian(residual, y), residual)
+        n, y = self.x.numel(), self.unknown
+        x0, base, mean, c = ca.SX.sym("x0", n), ca.SX.sym("base", n), ca.SX.sym("mean", n), ca.SX.sym("c", 3)
+        x = self._place(x0, base, mean, c)
+        residual = ca.substitute(self.residual, self.x, x)
+        change = _solve(_jacobian(residual, y), residual)
         size = ca.norm_inf(change / (1 + ca.fabs(y))) if y.numel() else ca.SX(0)
-        results = ca.cse([ca.densify(y - change), size, ca.sumsqr(residual)])
-        return ca.Function("newton", arguments, results)
+        u, p, t = self.known
+        (y_next, size, miss, x), symbols, values = _prepare([y - change, size, ca.sumsqr(residual), x], p)
+        symbols, values = ca.vertcat(p, symbols), ca.vertcat(p, values)
+        arguments = [y, x0, base, mean, c, u, symbols, t]
+        return (ca.Function("prepare", [p], [values]), ca.Function("newton", arguments, ca.cse([y_next, size, miss])),
+                ca.Function("place", arguments, [x]))
+
+    def _place(self, x0, base, mean, c):
+        """States of a stage."""
+        x, stage = ca.vertsplit(self.x), ca.vertsplit(base)
+        for i in self.order:
+            if i not in self.held:
+                stage[i] = base[i] + c[0] * ca.substitute(self.rates[i], self.x, ca.vertcat(*stage))
+                continue
+            seen = [x[j] if j == i else mean[j] + c[1] * stage[j] for j in range(len(x))]
+            after = advance(self.rates[i], x[i], c[2], self.known[1])
+            stage[i] = ca.substitute(after, self.x, ca.vertcat(*[x0[j] if j == i else seen[j] for j in range(len(x))]))
+        return ca.vertcat(*stage, ca.SX(0, 1))
+
+
+def _jacobian(expression, y):
+    """Jacobian with a choice, not CasADi's quotient of comparisons, where an expression bends."""
+    cuts = []
+
+    def cut(op, *used):
+        if op in (ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS) and any(ca.depends_on(u, ca.vertcat(y, *[c[0] for c in cuts]))
+                                                              for u in used):
+            cuts.append((ca.SX.sym(f"cut{len(cuts)}"), op, *used))
+            return cuts[-1][0]
+
+    total = _tangent(y, _rebuild(expression, cut), cuts)
+    values = [ca.SX.unary(op, *used) if op == ca.OP_FABS else ca.SX.binary(op, *used) for _, op, *used in cuts]
+    found = [total]
+    for (symbol, *_), value in zip(reversed(cuts), reversed(values)):
+        found = ca.substitute(found, [symbol], [value])
+    return found[0]
+
+
+def _tangent(y, expression, cuts):
+    """Jacobian of an expression by y, through what was cut out of it."""
+    symbols, slopes = ca.vertcat(*[c[0] for c in cuts], ca.SX(0, 1)), ca.SX(0, y.numel())
+
+    def through(e):
+        return ca.jacobian(e, y) + ca.mtimes(ca.jacobian(e, symbols[:slopes.shape[0]]), slopes)
+
+    for _, op, a, *b in cuts:
+        if op == ca.OP_FABS:
+            slope = ca.sign(a) * through(a)
+        else:
+            first = a <= b[0] if op == ca.OP_FMIN else a >= b[0]
+            slope = ca.if_else(first, through(a), through(b[0]))
+        slopes = ca.vertcat(slopes, slope)
+    return through(expression)
+
+
+def _prepare(expressions, p):
+    """Split what depends on the parameters alone from expressions: the rest of these, its symbols, their values."""
+    joined = ca.vertcat(*[ca.vec(ca.densify(e)) for e in expressions])
+    joined, symbols, values = ca.extract_parametric(ca.cse(joined), p, {})
+    inverse, divisors = {}, [*symbols, *ca.vertsplit(p)]
+
+    def multiply(op, a, b=None):
+        if op == ca.OP_DIV and b.is_symbolic() and b.name() in known:
+            return a * inverse.setdefault(b.name(), ca.SX.sym(f"inverse_{b.name()}"))
+
+    known = {s.name(): v for s, v in zip(divisors, [*values, *ca.vertsplit(p)])}
+    joined = _rebuild(joined, multiply)
+    ends = [0]
+    for e in expressions:
+        ends.append(ends[-1] + e.numel())
+    return ([joined[a:b] for a, b in zip(ends, ends[1:])], ca.vertcat(ca.SX(0, 1), *symbols, *inverse.values()),
+            ca.vertcat(ca.SX(0, 1), *values, *[1 / known[n] for n in inverse]))
+
+
+def _rebuild(expression, rule=lambda *_: None):
+    """A column again, instruction by instruction, with what a rule puts in place of an operation."""
+    symbols = ca.symvar(expression)
+    function = ca.Function("f", symbols, [ca.cse(ca.densify(expression))])
+    work, result = [None] * (function.sz_w() + 1), [ca.SX(0)] * expression.numel()
+    for k in range(function.n_instructions()):
+        op, out, used = (f(k) for f in (function.instruction_id, function.instruction_output,
+                                        function.instruction_input))
+        if op == ca.OP_INPUT:
+            work[out[0]] = symbols[used[0]]
+        elif op == ca.OP_CONST:
+            work[out[0]] = ca.SX(function.instruction_constant(k))
+        elif op == ca.OP_OUTPUT:
+            result[out[1]] = work[used[0]]
+        else:
+            given = [work[j] for j in used]
+            put = rule(op, *given)
+            plain = ca.SX.unary if len(given) == 1 else ca.SX.binary
+            work[out[0]] = plain(op, *given) if put is None else put
+    return ca.vertcat(*result, ca.SX(0, 1))
 
 
 def _solve(matrix, right):
@@ -169,8 +252,8 @@ def steps(system):
     -------
     Steps
     """
-    place = system.place()
-    settle = _settle(system.newton(place))
+    prepare, newton, place = system.stage()
+    settle = _settle(newton)
     n, m = system.x.numel(), system.z.numel()
     start = ca.Function("start", [system.x, system.z, *system.known], [system.start])
     given = ca.Function("given", [system.x, system.z, *system.known], [ca.densify(system.given)])
@@ -178,13 +261,14 @@ def steps(system):
     x, z, u0, u1, p, t, h = (ca.MX.sym(k, *size) for k, size in zip(
         ["x", "z", "u0", "u1", "p", "t", "h"],
         [(n,), (m,), system.known[0].shape, system.known[0].shape, system.known[1].shape, (1,), (1,)]))
-    now = [x, x, ca.MX(n, 1), ca.MX([0, 1, 0]), u0, p, t]  # a stage of no length
+    q = prepare(p)
+    now = [x, x, ca.MX(n, 1), ca.MX([0, 1, 0]), u0, q, t]  # a stage of no length
     consistent = settle(start(x, z, u0, p, t), *now)[0][:m]
     initial = ca.Function("initial", [x, z, u0, p, t], [consistent], names, ["z_next"])
     rates = ca.Function("rates", [x, z, u0, p, t], [given(x, consistent, u0, p, t)], names, ["xdot"])
 
     def stage(y, base, mean, c, share):
-        at = [x, base, mean, ca.vertcat(*c), u0 + share * (u1 - u0), p, t + share * h]
+        at = [x, base, mean, ca.vertcat(*c), u0 + share * (u1 - u0), q, t + share * h]
         y, size = settle(y, *at)
         return y, size, place(y, *at)
 
