@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from .compile.solve import solve_small
 from .states import advance
 
 GAMMA = 1 - 0.5 ** 0.5
@@ -46,9 +47,10 @@ class System:
         self.x, self.z, self.known = x, z, [u, p, t]
         self.rates, self.given, self.order, loose = list(rates), ca.vertcat(*rates, ca.SX(0, 1)), [], []
         left = list(range(x.numel()))
+        friction = {i for i in friction if not ca.depends_on(rates[i], z)}
         needs = [{j for j in left if ca.depends_on(r, x[j])} for r in rates]
         while left:
-            ready = [i for i in left if needs[i] <= {*self.order} | {i} & {*friction}]
+            ready = [i for i in left if needs[i] <= {*self.order} | {i} & friction]
             for i in ready or left[:1]:
                 if not ready:  # then its rate is an unknown too
                     loose.append(i)
@@ -80,7 +82,7 @@ class System:
         x0, base, mean, c = ca.SX.sym("x0", n), ca.SX.sym("base", n), ca.SX.sym("mean", n), ca.SX.sym("c", 3)
         x = self._place(x0, base, mean, c)
         residual = ca.substitute(self.residual, self.x, x)
-        change = _solve(_jacobian(residual, y), residual)
+        change = solve_small(_jacobian(residual, y), residual) if y.numel() else residual
         size = ca.norm_inf(change / (1 + ca.fabs(y))) if y.numel() else ca.SX(0)
         u, p, t = self.known
         (y_next, size, miss, x), symbols, values = _prepare([y - change, size, ca.sumsqr(residual), x], p)
@@ -176,21 +178,6 @@ def _rebuild(expression, rule=lambda *_: None):
             plain = ca.SX.unary if len(given) == 1 else ca.SX.binary
             work[out[0]] = plain(op, *given) if put is None else put
     return ca.vertcat(*result, ca.SX(0, 1))
-
-
-def _solve(matrix, right):
-    """Unrolled elimination, smallest code; rows in the order given, whose pivots are masses."""
-    n = right.numel()
-    a, b = [[matrix[i, j] for j in range(n)] for i in range(n)], ca.vertsplit(right) if n else []
-    for k in range(n):
-        for i in range(k + 1, n):
-            factor = a[i][k] / a[k][k]
-            a[i] = [a[i][j] - factor * a[k][j] if j > k else a[i][j] for j in range(n)]
-            b[i] = b[i] - factor * b[k]
-    x = [None] * n
-    for k in reversed(range(n)):
-        x[k] = (b[k] - sum((a[k][j] * x[j] for j in range(k + 1, n)), ca.SX(0))) / a[k][k]
-    return ca.vertcat(*x, ca.SX(0, 1))
 
 
 def _damped(newton):

@@ -289,7 +289,7 @@ def piecewise_linear(residuals, x):
         point = ca.DM.zeros(len(x))
         for i, s in zip(signed, pattern):
             point[i] = s
-        solution = _solve_small(ca.substitute(jacobian, v, point), -at_zero)
+        solution = solve_small(ca.substitute(jacobian, v, point), -at_zero)
         fit = ca.inf
         for i, s in zip(signed, pattern):
             fit = ca.fmin(fit, s * solution[i]) if isinstance(fit, ca.SX) else s * solution[i]
@@ -329,7 +329,8 @@ def _depends(expression, symbol):
     return symbol.name() in {s.name() for s in ca.symvar(expression)}
 
 
-def _solve_small(matrix, right):
+def solve_small(matrix, right):
+    """Solution of a few linear equations, unrolled without choosing pivots: by determinants, or by rotations."""
     n = matrix.shape[0]
     if n == 1:
         return right / matrix
@@ -397,7 +398,7 @@ def solve(flat, known, keep=(), explicit=True):
     """
     flat.derivatives = dict(flat.derivatives)
     system = _System(flat, known)
-    system.bent = _bent(flat) - system.differentiated
+    system.bent = _bent(flat) - system.differentiated if explicit else set()
     _eliminate(system, set(keep))
     rates = {flat.derivatives[x] for x in system.differentiated}
     solution = Solution(system.symbols)
