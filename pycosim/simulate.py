@@ -15,7 +15,7 @@ import numpy as np
 from .compile import ArrayFunction, solve
 from .errors import DataError, ModelicaError, UnknownNameError, closest
 from .states import propagate
-from .stepping import System, steps
+from .stepping import TOLERANCE, System, steps
 
 __all__ = ["Dynamics", "compensate", "dynamics", "estimate", "propagate", "simulate", "step_function"]
 
@@ -56,12 +56,14 @@ class Dynamics:
     output: ca.Function
 
 
-def dynamics(model):
+def dynamics(model, tolerance=TOLERANCE):
     """Compile the ``simulate`` question of a model; made once a model.
 
     Parameters
     ----------
     model : pycosim.compile.Model
+    tolerance : float
+        Largest last correction of a step's unknowns, relative; single precision needs more than the default.
 
     Returns
     -------
@@ -72,10 +74,10 @@ def dynamics(model):
     StudyError
         The rig's annotation has no ``simulate``.
     """
-    return model.library.memo(("dynamics", model.key), lambda: _dynamics(model))
+    return model.library.memo(("dynamics", model.key, tolerance), lambda: _dynamics(model, tolerance))
 
 
-def _dynamics(model):
+def _dynamics(model, tolerance):
     wanted, known = model.alternatives("simulate")[0]
     known = [n for n in known if n != "time"]  # a rig whose inputs are bound says "from time"
     flat = replace(model.flat)  # solving adds derivatives to it
@@ -87,7 +89,7 @@ def _dynamics(model):
     rates = [values.get(flat.derivatives[n], symbols[flat.derivatives[n]]) for n in solution.states]
     outputs = [n for n in flat.variables if n in values and n not in known]
     friction = [i for i, n in enumerate(solution.states) if (flat.variables[n].min, flat.variables[n].max) == (-1, 1)]
-    made = steps(System(x, z, u, p, symbols["time"], rates, solution.residuals, friction))
+    made = steps(System(x, z, u, p, symbols["time"], rates, solution.residuals, friction), tolerance)
     start = {n: n for n in solution.states}
     start.update({n: values[n].name() for n in outputs if values[n].is_symbolic() and values[n].name() in start})
     output = ca.Function("output", [x, z, u, p, symbols["time"]],

@@ -125,6 +125,24 @@ def _check_pieces(rate, x, free, pieces, p):
                                 "displacement that slides; write an effect's state as x' = a(w) x + b(w)")
 
 
+def follow(question):
+    """One step of the friction states of a question, as a function to take away.
+
+    Parameters
+    ----------
+    question : Question
+
+    Returns
+    -------
+    casadi.Function
+        ``(u, x, p, h) -> x_next``: states after ``h`` seconds, for the means of the inputs over them.
+    """
+    u, x, p = question.symbols()
+    h = ca.SX.sym("h")
+    return ca.Function("follow", [u, x, p, h], [ca.cse(advance(question.rate(u, x, p), x, h, p))],
+                       ["u", "x", "p", "h"], ["x_next"])
+
+
 class _Steps:
     """One step of some states of a question, cut into what is a linear recursion and what is not."""
 

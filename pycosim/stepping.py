@@ -193,27 +193,27 @@ def _damped(newton):
     return ca.Function("damped", arguments, [best, size])
 
 
-def _guarded(name, function):
+def _guarded(name, function, tolerance):
     """``(size, y, ...) -> y, size``: the function's, but y and size as they are where the size is small or no number."""
     arguments = function.mx_in()
     size = ca.MX.sym("size")
     again = ca.Function("again", [size, *arguments], function.call(arguments)[:2])
     keep = ca.Function("keep", [size, *arguments], [arguments[0], size])
     either = ca.Function.if_else(name, again, keep)
-    return lambda size, *given: either(size > TOLERANCE, size, *given)
+    return lambda size, *given: either(size > tolerance, size, *given)
 
 
-def _settle(newton):
+def _settle(newton, tolerance):
     """``(y, ...) -> y, size``: corrections until they are small."""
     arguments = newton.mx_in()
     y, *rest = arguments
-    plain, damped = _guarded("plain", newton), _guarded("rescued", _damped(newton))
+    plain, damped = _guarded("plain", newton, tolerance), _guarded("rescued", _damped(newton), tolerance)
     found, size, _ = newton(y, *rest)
     for _ in range(_PLAIN):
         found, size = plain(size, found, *rest)
     for _ in range(_RESCUE):
         found, size = damped(size, found, *rest)
-    more = _guarded("more", ca.Function("corrected", arguments, [found, size]))
+    more = _guarded("more", ca.Function("corrected", arguments, [found, size]), tolerance)
     for _ in range(_CORRECTIONS):
         y, size, _ = newton(y, *rest)
     return ca.Function("settle", arguments, more(size, y, *rest))
@@ -228,19 +228,21 @@ class Steps:
     step: ca.Function
 
 
-def steps(system):
+def steps(system, tolerance=TOLERANCE):
     """Make the functions of a system.
 
     Parameters
     ----------
     system : System
+    tolerance : float
+        Largest last correction, relative.
 
     Returns
     -------
     Steps
     """
     prepare, newton, place = system.stage()
-    settle = _settle(newton)
+    settle = _settle(newton, tolerance)
     n, m = system.x.numel(), system.z.numel()
     start = ca.Function("start", [system.x, system.z, *system.known], [system.start])
     given = ca.Function("given", [system.x, system.z, *system.known], [ca.densify(system.given)])
@@ -261,7 +263,7 @@ def steps(system):
 
     y, first, x1 = stage(start(x, z, u0, p, t), x, ca.MX(n, 1), (GAMMA * h, 1, GAMMA * h), GAMMA)
     y, second, x2 = stage(y, x + (1 - GAMMA) / GAMMA * (x1 - x), (1 - GAMMA) * x1, (GAMMA * h, GAMMA, h), 1)
-    error = ca.fmax(first, second) / TOLERANCE
+    error = ca.fmax(first, second) / tolerance
     step = ca.Function("step", [x, z, u0, u1, p, t, h], [x2, y[:m], error],
                        ["x", "z", "u0", "u1", "p", "t", "h"], ["x_next", "z_next", "error"])
     return Steps(initial, rates, step)
