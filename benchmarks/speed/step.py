@@ -26,7 +26,11 @@ DRIVER = r"""
 #include <time.h>
 #include "rig.h"
 #define WINDOW 500
-static double now(void) { struct timespec a; clock_gettime(CLOCK_MONOTONIC, &a); return 1e6 * a.tv_sec + 1e-3 * a.tv_nsec; }
+static double now(void) {
+  struct timespec a;
+  clock_gettime(CLOCK_MONOTONIC, &a);
+  return 1e6 * a.tv_sec + 1e-3 * a.tv_nsec;
+}
 static double least(double a, double b) { return a < b ? a : b; }
 int main(int argc, char **argv) {
   double p[NP], x[NX], z[NZ + 1], worst = 0, error, t = 0;
@@ -51,7 +55,10 @@ int main(int argc, char **argv) {
     for (int j = 0; j < WINDOW; ++j) { in[0] += 1e-6; rig_estimate(in, s, p, out); keep = out[0]; }
     estimate = least(estimate, (now() - start) / WINDOW);
     start = now();
-    for (int j = 0; j < 20 * WINDOW; ++j) { memcpy(back, in, sizeof in); __asm__ volatile("" : : "r"(back) : "memory"); }
+    for (int j = 0; j < 20 * WINDOW; ++j) {
+      memcpy(back, in, sizeof in);
+      __asm__ volatile("" : : "r"(back) : "memory");
+    }
     copy = least(copy, (now() - start) / (20 * WINDOW));
     start = now(); keep = 1.0000001;
     for (int j = 0; j < WINDOW; ++j) q *= keep;
@@ -75,8 +82,8 @@ def in_c(model, steps):
         _, source = export_c(model, {}, folder, "rig")
         driver, program = Path(folder) / "driver.c", Path(folder) / "driver"
         driver.write_text(DRIVER)
-        subprocess.run(["gcc", "-O2", *[f"-D{k}={len(v)}" for k, v in sizes.items()], driver, source, "-o", program, "-lm"],
-                       check=True)
+        defined = [f"-D{k}={len(v)}" for k, v in sizes.items()]
+        subprocess.run(["gcc", "-O2", *defined, driver, source, "-o", program, "-lm"], check=True)
         found = subprocess.run([program, str(steps)], check=True, capture_output=True, text=True).stdout
     return [float(v) for v in found.split()]
 
@@ -113,8 +120,10 @@ def main():
         step, estimate, copy, multiply, worst = in_c(model, args.steps)
         called, inside = in_python(model)
         print(f"{rig}: a multiplication takes {1e3 * multiply:.2f} ns on this core, now")
-        print(f"  step of 1 ms in C   {step:7.2f} us   {1e3 / step:.0f} times real time; largest error {worst:.2g} of 1")
-        print(f"  the same in Python  {called:7.1f} us   {called / step:.0f} times the C; within simulate {inside:.1f} us")
+        print(f"  step of 1 ms in C   {step:7.2f} us   {1e3 / step:.0f} times real time; "
+              f"largest error {worst:.2g} of 1")
+        print(f"  the same in Python  {called:7.1f} us   {called / step:.0f} times the C; "
+              f"within simulate {inside:.1f} us")
         print(f"  estimate in C       {estimate:7.3f} us   {estimate / copy:.0f} times a memcpy of its inputs "
               f"({1e3 * copy:.1f} ns)")
 

@@ -48,8 +48,8 @@ class Exported:
         assert np.max(np.abs(found - wanted) / scale, initial=0.0) < self.tolerance, (found, wanted)
 
 
-@pytest.fixture(scope="module", params=[("double", r) for r in RIGS] + [("float", "HipKnee"), ("float", "ServoPendulum")],
-                ids="-".join)
+@pytest.fixture(scope="module", ids="-".join,
+                params=[("double", r) for r in RIGS] + [("float", "HipKnee"), ("float", "ServoPendulum")])
 def exported(request, tmp_path_factory):
     real, rig = request.param
     model = compile_model(LIBRARY_, f"DriveTrain.Rigs.{rig}")
