@@ -15,6 +15,7 @@ import casadi as ca
 from ..errors import StudyError, UnknownNameError, closest
 from ..simulate import dynamics
 from ..states import follow
+from ..variables import Variable
 
 _LOOSE = 2e-5  # tolerance of a step in single precision, whose rounding is 1e-7
 _MATH = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "expm1", "log", "log1p",
@@ -152,14 +153,20 @@ def _index(prefix, names, variables):
     """An enumeration of a vector's elements; its last is their number."""
     lines = []
     for k, n in enumerate(names):
-        base, dots = n, 0
-        while base.startswith("der(") and base not in variables:
-            base, dots = base[4:-1], dots + 1
-        v = variables.get(base)
-        unit = f"[{v.unit}{f'/s{dots}' if dots > 1 else '/s' if dots else ''}]" if v else "[s]" if n == "time" else ""
-        text = f"{n} {unit} {v.description if v and not dots else ''}".replace("*/", "").strip()
+        base, dots = n, n.count("der(")
+        for _ in range(dots):
+            base = base[4:-1]
+        v = Variable("time", "s", "Time") if n == "time" else variables[base]
+        text = f"{n} [{_per_second(v.unit, dots)}] {'' if dots else v.description}".replace("*/", "").strip()
         lines.append(f"  {_constant(prefix, n)} = {k}, /* {text} */")
     return [f"enum {prefix} {{", *lines, f"  {prefix.upper()}_COUNT = {len(names)}", "};"]
+
+
+def _per_second(unit, times):
+    """Unit of a derivative: rad, rad/s, rad/s2."""
+    base, _, power = unit.partition("/s")
+    times += int(power or 1) if unit.endswith(("/s", "/s2")) else 0
+    return f"{base if times else unit}{'' if not times else '/s' if times == 1 else f'/s{times}'}"
 
 
 def _prototype(start, arguments, real):
