@@ -73,8 +73,12 @@ class Dataset:
         self.channels = [f"{c}_pair" for c in named] if self.paired else list(named)
 
     def ask(self, model):
-        """The question that a model of this rig is asked about these data."""
-        return model.question(self.asked, self.form)
+        """The question that a model of this rig is asked about these data.
+
+        On moving samples a segment's own state is at its limit, at rest, so that its damping adds nothing.
+        """
+        question = model.question(self.asked, self.form)
+        return question.fixed({n: 0.0 for n in (f"{c}.damping" for c in model.segments) if n in question.parameters})
 
     def _gather(self):
         mapped = {c.variable for c in self.study.columns.values()}

@@ -60,6 +60,27 @@ class Question:
         return Question(self.inputs, self.states, self.parameters, list(outputs),
                         ca.Function("output", [u, x, p], [ca.vertcat(*rows)], *names), self.rate, self.variables)
 
+    def fixed(self, values):
+        """The same question with some parameters at given numbers, and simpler for it; made once.
+
+        Parameters
+        ----------
+        values : dict of str to float
+
+        Returns
+        -------
+        Question
+        """
+        made = self.__dict__.setdefault("_fixed", {})
+        key = tuple(sorted(values.items()))
+        if key not in made:
+            u, x, p = self.symbols()
+            q = ca.vertcat(*[values.get(n, s) for n, s in zip(self.parameters, ca.vertsplit(p))])
+            output, rate = (ca.Function(f.name(), [u, x, p], [ca.cse(f(u, x, q))], ["u", "x", "p"], ["y"])
+                            for f in (self.output, self.rate))
+            made[key] = Question(self.inputs, self.states, self.parameters, self.outputs, output, rate, self.variables)
+        return made[key]
+
     def sliding(self):
         """The same question for sliding segments: every friction state at its limit, the sign of the speed.
 
