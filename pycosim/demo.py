@@ -65,13 +65,13 @@ C_K = {{ variable = "C_K", unit = "N.m" }}
 """
 
 
-def run(out=None, quiet=False, progress=None):
+def run(out, quiet=False, progress=None):
     """Make a log with a hidden effect, and find the effect from the log alone.
 
     Parameters
     ----------
-    out : path, optional
-        Folder of the results; ``./pycosim_demo`` by default.
+    out : path
+        Folder of the results.
     quiet : bool
         Say nothing.
     progress : callable, optional
@@ -86,7 +86,7 @@ def run(out=None, quiet=False, progress=None):
     FolderError
         The folder holds what is not ours, or cannot be written.
     """
-    began, out = clock.monotonic(), Path(out or "pycosim_demo")
+    began, out = clock.monotonic(), Path(out)
     say = (lambda *lines: None) if quiet else _say
     with _progress(quiet, progress) as progress, results.Folder(out, "demo", writes=FILES) as folder:
         library = Library()
@@ -103,8 +103,7 @@ def run(out=None, quiet=False, progress=None):
         _tell(folder, found, library, say)
         progress("drawing")
         figures.write_figures(folder.temporary, dataset, found)
-    say(f"Took {clock.monotonic() - began:.0f} s. Everything is in {out}: figures/, "
-        + ", ".join(f for f in folder.files if "/" not in f) + ".",
+    say(f"Took {clock.monotonic() - began:.0f} s. Everything is in {out}: {folder.listed}.",
         f"The same on the log alone: pycosim improve {out / 'study.toml'}")
     return found
 

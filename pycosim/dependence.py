@@ -17,10 +17,19 @@ def noise_floor(dataset, model, fit):
     The smaller of the spread within a pass after removing what is smooth over it (a cubic in time), and the difference
     of repeats of the same line at the same speed.
 
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+
     Returns
     -------
     dict of str to float
+        NaN where a whole run is one sample: nothing shows how much of it is noise.
     """
+    if dataset.averaged:
+        return dict.fromkeys(dataset.channels, float("nan"))
     problem = dataset.residuals(model, fit.free, fit.parameters, "all")
     residual = problem.residual(fit.values)
     floors = {}

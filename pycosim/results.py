@@ -6,12 +6,15 @@ import json
 import math
 import os
 import shutil
+import signal
+import threading
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from .compare import worded
 from .compile import Place, component_name, find_effect
 from .compile.effects import annotation
 from .errors import PycosimError
@@ -137,8 +140,20 @@ def improved_study(study, model, fit):
 
 
 def errors_text(error):
-    """``C_H 0.138 N.m, C_K 0.141 N.m``, for a dict of channel to error."""
-    return ", ".join(f"{c} {number(v)}{_unit(_unit_of(c))}" for c, v in error.items()) or "none"
+    """Errors in words.
+
+    Parameters
+    ----------
+    error : dict of str to float
+        By channel; None or NaN where it is not known.
+
+    Returns
+    -------
+    str
+        As ``C_H 0.138 N.m, C_K 0.141 N.m``.
+    """
+    known = {c: v for c, v in error.items() if v is not None and math.isfinite(v)}
+    return ", ".join(f"{c} {number(v)}{_unit(_unit_of(c))}" for c, v in known.items()) or "unknown"
 
 
 def _unit_of(channel):
@@ -173,9 +188,10 @@ def summary_data(dataset):
     """What was used of the logs, in one or two lines."""
     moving, held = int(dataset.moving.sum()), int(dataset.is_test.sum())
     runs = f"{len(dataset.logs)} {'run' if len(dataset.logs) == 1 else 'runs'}"
-    lines = [f"{dataset.study.rig}: {runs}, {len(dataset.time)} samples, {moving} of them moving "
-             f"(every segment above {number(dataset.w_min)} rad/s); {held} of {len(dataset.blocks)} passes out and back "
-             "held out."]
+    samples = "the mean of each is a sample" if dataset.averaged else f"{len(dataset.time)} samples"
+    blocks = "means" if dataset.averaged else "passes out and back"
+    lines = [f"{dataset.study.rig}: {runs}, {samples}, {moving} of them moving "
+             f"(every segment above {number(dataset.w_min)} rad/s); {held} of {len(dataset.blocks)} {blocks} held out."]
     for log in dataset.logs:
         if log.dropped:
             rows = sum(b - a + 1 for a, b in log.dropped)
@@ -370,7 +386,19 @@ def _step(before, step, first, parameters, library):
 
 
 def summary_comparison(result, most=3):
-    """Errors, and the groups of samples where they are largest."""
+    """Errors, and the groups of samples where they are largest.
+
+    Parameters
+    ----------
+    result : dict
+        ``comparison.json``.
+    most : int
+        Groups to name for each channel.
+
+    Returns
+    -------
+    list of str
+    """
     lines = [f"Error: {errors_text(result['error'])} (RMSE of moving samples, all passes)."]
     if result.get("error_as_given"):
         lines.append(f"With the study's own values, nothing fitted: {errors_text(result['error_as_given'])}.")
@@ -384,9 +412,14 @@ def summary_comparison(result, most=3):
         worst = sorted(spread, reverse=True)[:most]
         if worst:
             lines.append(f"{channel} is worst where " + "; ".join(
-                f"{name} is {label} ({number(value)}{_unit(_unit_of(channel))})" for _, name, label, value in worst)
-                + ".")
+                f"{_article(name)}{worded(name)} is {label}{_unit(result['units'].get(name, ''))} "
+                f"({number(value)}{_unit(_unit_of(channel))})" for _, name, label, value in worst) + ".")
     return lines
+
+
+def _article(name):
+    """The names of columns stand without one."""
+    return "" if worded(name) == name else "the "
 
 
 # --- the folder -----------------------------------------------------------------------------------------------------
@@ -435,8 +468,8 @@ class Folder:
             return {str(v): list(map(str, f)) for v, f in json.loads(marker.read_text()).items()}
         except FileNotFoundError:
             if any(self.path.iterdir()):
-                raise FolderError(f"{self.path}: holds files that are not results of pycosim; empty it, or name another "
-                                  "folder with --out DIR") from None
+                raise FolderError(f"{self.path}: holds files that are not results of pycosim; empty it, or name "
+                                  "another folder with --out DIR") from None
             return {}
         except (OSError, ValueError, AttributeError, TypeError):
             raise FolderError(f"{self.path}: its {MARKER} cannot be read; name another folder with --out DIR") from None
@@ -457,19 +490,45 @@ class Folder:
             raise FolderError(f"{self.path}: cannot be written ({error.strerror}: {folder}); "
                               "name another folder with --out DIR") from None
 
+    @property
+    def listed(self):
+        """What the verb left, in words: its files, then its folders."""
+        folders = dict.fromkeys(f"{name.split('/')[0]}/" for name in self.files if "/" in name)
+        return ", ".join([*(name for name in self.files if "/" not in name), *folders])
+
     def file(self, name):
-        """Path to write a file of this name to."""
+        """Where to write a file, until the folder is whole.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        Path
+        """
         return self.temporary / name
 
     def write(self, name, content):
-        """Write text, or a JSON result."""
+        """Write one file.
+
+        Parameters
+        ----------
+        name : str
+        content : str or dict
+            Text, or a result for JSON.
+
+        Raises
+        ------
+        FolderError
+        """
         with _folder_errors(self.path):
             self.file(name).write_text(content if isinstance(content, str) else to_json(content), encoding="utf-8")
 
     def __exit__(self, kind, error, trace):
         if kind is None:
             try:
-                with _folder_errors(self.path):
+                with _folder_errors(self.path), _uninterrupted():
                     self._put()
                 return
             except BaseException:
@@ -509,6 +568,19 @@ class Folder:
                 os.replace(backup, self.path)
             raise
         shutil.rmtree(backup, ignore_errors=True)
+
+
+@contextmanager
+def _uninterrupted():
+    """Control-C comes too late: between two renames it would leave the earlier results under another name."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # no other thread is ever interrupted
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

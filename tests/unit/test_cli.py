@@ -3,7 +3,9 @@
 import json
 import math
 import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -135,6 +137,9 @@ def test_add_without_a_place_takes_the_best(log, here, capsys):
     found = read(here / "study_compare" / "comparison.json")
     check_comparison(found)
     assert math.isclose(found["error"]["C_H"], found["error_as_given"]["C_H"], rel_tol=1e-4)
+    told = capsys.readouterr().out
+    assert re.search(r"is worst where the \w+ \w* ?of \w+ is -?[\d.]+ to -?[\d.]+ (rad/s|N\.m) \(", told), told
+    assert told.splitlines()[-1] == "Results in study_compare: comparison.json, figures/"
 
 
 def test_add_at_a_place_says_when_the_data_do_not_ask_for_it(log, here, capsys):
@@ -178,6 +183,22 @@ def test_help_is_quick_and_every_verb_has_an_example(capsys):
     assert told.stdout.endswith("set()\n")
     for missing in ("plan", "export", "cosim", "report", "app"):
         assert f"  {missing} " not in told.stdout
+
+
+def test_the_whole_help_has_an_example_and_tells_how_to_complete(capsys):
+    run("--help")
+    told = capsys.readouterr().out
+    assert "example:\n  pycosim new" in told and "register-python-argcomplete pycosim" in told
+
+
+@pytest.mark.parametrize("line, wanted", [("pycosim imp", "improve"), ("pycosim diagnose --q", "--quiet"),
+                                          ("pycosim new Se", "ServoPendulum"), ("pycosim compare stu", "study.toml")])
+def test_a_shell_completes_verbs_options_rigs_and_files(line, wanted, here):
+    shutil.copy(STUDY, here / "study.toml")
+    asked = {**ENVIRONMENT, "_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(here / "answer"),
+             "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n"}
+    subprocess.run([sys.executable, "-m", "pycosim.cli"], env=asked, check=True, cwd=here)
+    assert [w.strip() for w in (here / "answer").read_text().split("\n")] == [wanted]
 
 
 def test_version(capsys):
@@ -247,6 +268,20 @@ def test_a_fault_of_ours_is_one_line_that_names_the_traceback(log, here, monkeyp
     report = Path(line.split()[-1])
     assert "Traceback" in report.read_text() and not list(here.iterdir())
     report.unlink()
+
+
+def test_an_interrupt_between_the_renames_comes_too_late(here, monkeypatch):
+    def interrupted(*names):
+        os.kill(os.getpid(), signal.SIGINT)
+        return rename(*names)
+    rename = os.replace
+    with results.Folder("out", "identify") as folder:
+        folder.write("parameters.json", {"a": 1})
+    with results.Folder("out", "identify") as folder:
+        folder.write("parameters.json", {"a": 2})
+        monkeypatch.setattr(results.os, "replace", interrupted)
+    assert read("out/parameters.json") == {"a": 2} and [p.name for p in here.iterdir()] == ["out"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_the_given_study_is_never_replaced(log, here, capsys):
