@@ -10,7 +10,8 @@ from pathlib import Path
 
 def folder():
     """Folder of the cache: ``PYCOSIM_CACHE``, or the user's cache folder; None when it cannot be written."""
-    base = os.environ.get("PYCOSIM_CACHE") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pycosim"
+    users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    base = os.environ.get("PYCOSIM_CACHE") or users / "pycosim"
     try:
         Path(base).mkdir(parents=True, exist_ok=True)
     except OSError:

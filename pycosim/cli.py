@@ -581,7 +581,8 @@ def _other_columns(known):
     """Lines for what a log may hold otherwise."""
     torque = next((n for n in known if n.endswith(".tau")), None)
     if torque:
-        yield f'"current" = {{ variable = {json.dumps(torque)}, unit = "A", k_m = 0.1 }}  # instead of a torque; k_m [N.m/A]'
+        yield (f'"current" = {{ variable = {json.dumps(torque)}, unit = "A", k_m = 0.1 }}'
+               "  # instead of a torque; k_m [N.m/A]")
     yield '"time" = { variable = "time", unit = "ms" }  # when the time is not in s'
     yield '"temperature" = { variable = "temperature", unit = "degC" }  # optional'
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 import time as clock
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +74,7 @@ def run(out, quiet=False, progress=None):
     quiet : bool
         Say nothing.
     progress : callable, optional
-        Called with a sentence before each stage; a line on the terminal by default.
+        Called with a sentence before each stage.
 
     Returns
     -------
@@ -88,7 +87,8 @@ def run(out, quiet=False, progress=None):
     """
     began, out = clock.monotonic(), Path(out)
     say = (lambda *lines: None) if quiet else _say
-    with _progress(quiet, progress) as progress, results.Folder(out, "demo", writes=FILES) as folder:
+    progress = progress or (lambda text: None)
+    with results.Folder(out, "demo", writes=FILES) as folder:
         library = Library()
         progress("making a log")
         _make(library, folder)
@@ -114,12 +114,6 @@ def _say(*lines):
     if hasattr(stream, "rich_proxied_file") and not stream.rich_proxied_file.isatty():
         stream = stream.rich_proxied_file
     print(*lines, sep="\n", file=stream, flush=True)
-
-
-def _progress(quiet, given):
-    """The given progress, or a line on the terminal."""
-    from .cli import Progress
-    return nullcontext(given) if given else Progress(quiet)
 
 
 # --- the log --------------------------------------------------------------------------------------------------------

@@ -85,7 +85,20 @@ def _pretty(unit):
 
 
 def label(dataset, name, symbol=None):
-    """Axis label of a channel or variable, with its unit."""
+    """Axis label of a channel or variable, with its unit.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    name : str
+        Channel, column, or variable of `pycosim.dependence.explanations`.
+    symbol : str, optional
+        Instead of the name's own.
+
+    Returns
+    -------
+    str
+    """
     words = worded(name)
     text = symbol or (words if words != name else _symbol(dataset, name))
     return f"{text} [{_pretty(unit_of(dataset, name))}]"
@@ -112,6 +125,12 @@ def _capital(text):
 def outputs(dataset, model, parameters):
     """Values of the compared outputs by a model, NaN where nothing moves.
 
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    parameters : dict of str to float
+
     Returns
     -------
     dict of str to ndarray, shape (n,)
@@ -122,6 +141,10 @@ def outputs(dataset, model, parameters):
 
 def ideal(dataset):
     """Values of the compared outputs without any friction: no effect, every f0 = 0 and mu = 1.
+
+    Parameters
+    ----------
+    dataset : Dataset
 
     Returns
     -------
@@ -136,7 +159,24 @@ def ideal(dataset):
 
 
 def residual_of(dataset, model, fit, parameters=None, part="all"):
-    """Residual of a model, shape (channels, samples), and the samples' indices in the log."""
+    """Residual of a model, and where in the log its samples are.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    parameters : dict of str to float, optional
+        Values to use instead of the fitted ones.
+    part : str
+        ``fit``, ``test`` or ``all``.
+
+    Returns
+    -------
+    residual : ndarray, shape (channels, samples)
+        In the channels' units.
+    index : ndarray of int, shape (samples,)
+    """
     problem = dataset.residuals(model, fit.free, {**fit.parameters, **(parameters or {})}, part)
     view = dataset.view(part)
     values = [(parameters or {}).get(n, v) for n, v in zip(fit.free, fit.values)]
@@ -176,6 +216,12 @@ def _bins(values, count=BINS):
 
 def binned(x, y, count=BINS):
     """Mean and spread of y over bins of x.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+    count : int
+        Number of bins.
 
     Returns
     -------
@@ -265,6 +311,14 @@ def manoeuvres(dataset):
     """The passes in motor space, with their directions; dashed, the lines on which a segment stands still.
 
     The longest pass of each manoeuvre is named at its arrow; others are thin lines.
+
+    Parameters
+    ----------
+    dataset : Dataset
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     x, y = (dataset.measured[n] for n in _angles(dataset))
     figure = Figure(figsize=(COLUMN, 3.0))
@@ -351,6 +405,10 @@ def over_time(dataset, model, fit, other=None, window=None):
         The improved model.
     window : slice, optional
         Of the samples; the whole log with ``slice(None)``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     residual, index = residual_of(dataset, model, fit)
     window = window or _widened(dataset, _window(dataset, residual, index))
@@ -528,6 +586,18 @@ def residuals(dataset, model, fit, floor=None):
 
     Of each kind the variable with the strongest dependence is shown. Mean and standard deviation in bins, apart for the
     two directions of the segment named in the legend; grey band: the noise floor.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    floor : dict of str to float, optional
+        Noise floor of each channel.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     residual, index = residual_of(dataset, model, fit)
     floor = _floor(dataset, model, fit) if floor is None else floor
@@ -604,6 +674,10 @@ def signature(dataset, before, after, key):
     before, after : (Model, Fit)
     key : (str, str)
         Effect and place.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     missing = _missing_torque(dataset, before, after, key)
     residual, index = residual_of(dataset, *before, part="fit")
@@ -707,7 +781,17 @@ def _partial(axes, x, missing):
 
 @_styled
 def ladder(improvement, dataset):
-    """Error at every step of the search, on the fitted and on the held-out passes; dotted: the noise floor."""
+    """Error at every step of the search, on the fitted and on the held-out passes; dotted: the noise floor.
+
+    Parameters
+    ----------
+    improvement : Improvement
+    dataset : Dataset
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     steps, floor = improvement.steps, improvement.last.noise_floor
     figure = Figure(figsize=(COLUMN if len(steps) < 4 else 0.75 * PAGE, 2.3))
     axes = figure.subplots()
@@ -739,6 +823,16 @@ def candidates(diagnosis, most=10):
     """The candidates that promise the largest fall of the error, and their family-wise p-values.
 
     Dark: accepted; hatched: not to be told from it on these data.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    most : int
+        Candidates to show.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     falls = {f.key: _fall(diagnosis.error, f.predicted_error) for f in diagnosis.candidates}
     shown = sorted(diagnosis.candidates, key=lambda f: (-f.accepted, -falls[f.key]))[:most]
@@ -774,7 +868,16 @@ def _p(value):
 
 @_styled
 def save(figure, folder, name):
-    """Write a figure as PDF, and as PNG for a quick look."""
+    """Write a figure as PDF, and as PNG for a quick look.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    folder : Path
+        Made where it is missing.
+    name : str
+        Of the files, without ending.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
     figure.set_layout_engine("none")  # laid out already

@@ -1,4 +1,4 @@
-"""A data set and a base model in; effects added one by one until nothing is left to learn, and the ladder of errors, out."""
+"""A data set and a base model in; effects added until nothing is left to learn, and the ladder of errors, out."""
 
 from __future__ import annotations
 

@@ -33,7 +33,16 @@ class FolderError(PycosimError):
 
 
 def plain(value):
-    """A value as JSON knows it: NumPy's types unwrapped, NaN and infinities to None."""
+    """A value as JSON knows it: NumPy's types unwrapped, NaN and infinities to None.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    dict, list, str, bool, int, float or None
+    """
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):
@@ -50,7 +59,16 @@ def plain(value):
 
 
 def to_json(value):
-    """JSON text of a result; never NaN or infinity."""
+    """JSON text of a result; never NaN or infinity.
+
+    Parameters
+    ----------
+    value : dict
+
+    Returns
+    -------
+    str
+    """
     return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -115,7 +133,18 @@ def _candidate(c, library):
 
 
 def ladder(steps, dataset):
-    """``ladder.json``: errors of the base model, then with every effect added."""
+    """``ladder.json``: errors of the base model, then with every effect added.
+
+    Parameters
+    ----------
+    steps : list of Step
+        Of an `Improvement`.
+    dataset : Dataset
+
+    Returns
+    -------
+    dict
+    """
     return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "steps": [
         {"added": None if s.added is None else {"effect": s.added[0], "place": s.added[1]},
          "error": s.error, "held_out_error": s.held_out_error} for s in steps]})
@@ -123,6 +152,12 @@ def ladder(steps, dataset):
 
 def improved_study(study, model, fit):
     """The study with a model's effects, and the fitted values to start from.
+
+    Parameters
+    ----------
+    study : Study
+    model : Model
+    fit : Fit
 
     Returns
     -------
@@ -185,7 +220,16 @@ def _joined(names):
 
 
 def summary_data(dataset):
-    """What was used of the logs, in one or two lines."""
+    """What was used of the logs.
+
+    Parameters
+    ----------
+    dataset : Dataset
+
+    Returns
+    -------
+    list of str
+    """
     moving, held = int(dataset.moving.sum()), int(dataset.is_test.sum())
     runs = f"{len(dataset.logs)} {'run' if len(dataset.logs) == 1 else 'runs'}"
     samples = "the mean of each is a sample" if dataset.averaged else f"{len(dataset.time)} samples"

@@ -79,7 +79,17 @@ class Column:
         return "N.m" if self.k_m is not None else _unit(self.unit)[0]
 
     def si(self, values):
-        """Readings (n,) to SI (n,): zero taken off, unit converted, current made a torque."""
+        """Readings to SI: zero taken off, unit converted, current made a torque.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            In the column's unit.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
         return (values - self.zero) * (_unit(self.unit)[1] * (1.0 if self.k_m is None else self.k_m))
 
 

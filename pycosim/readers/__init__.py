@@ -71,7 +71,12 @@ def read_table(path, name, wanted, text):
 
 
 def refuse_no_file(path):
-    """Raise DataError for what is not a file with something in it."""
+    """Raise DataError for what is not a file with something in it.
+
+    Parameters
+    ----------
+    path : Path
+    """
     if path.is_dir():
         raise DataError(f"{path}: is a folder; name the files in it")
     if not path.exists():
@@ -108,7 +113,17 @@ def read_text(path, encoding="utf-8-sig"):
 
 
 def ranges(rows):
-    """Sorted row numbers as a list of (first, last) stretches."""
+    """Sorted row numbers as stretches.
+
+    Parameters
+    ----------
+    rows : sequence of int
+
+    Returns
+    -------
+    list of (int, int)
+        First and last row of each.
+    """
     rows = np.asarray(rows, dtype=int)
     if not rows.size:
         return []
