@@ -204,8 +204,13 @@ class Run:
         Dataset
         """
         from .dataset import Dataset
+        from .measurements import require_alike
         self.progress("reading the logs")
         self.dataset = Dataset(self.study, self.library)
+        require_alike(self.dataset.logs, self.dataset.outputs)
+        if self.dataset.paired and self.study.reference != "unknown":
+            raise StudyError(f'{self.study.path}: reference = "{self.study.reference}", but no log holds '
+                             f'{", ".join(self.dataset.outputs)}; log that, or write reference = "unknown"')
         self.lines += self.results.summary_data(self.dataset)
         return self.dataset
 
@@ -223,7 +228,9 @@ class Run:
         """
         from . import identify
         self.progress("fitting")
-        return identify.fit(self.dataset, model or self.model)
+        fit = identify.fit(self.dataset, model or self.model)
+        self.lines += self.results.summary_doubt(self.dataset, fit)
+        return fit
 
     def compare(self, model, fit):
         """``comparison.json`` of a fitted model, the error with the study's own values included.
@@ -338,6 +345,7 @@ def _add(run, arguments):
 def _improve(run, arguments):
     from .improve import improve
     found = improve(run.dataset, run.model, run.study.seed, run.progress)
+    run.lines += run.results.summary_doubt(run.dataset, found.steps[0].fit)
     first, last = (run.results.diagnosis(d, run.library) for d in (found.first, found.last))
     steps = run.results.ladder(found.steps, run.dataset)
     run.write("diagnosis.json", first)

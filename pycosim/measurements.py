@@ -146,6 +146,28 @@ def require(log, names):
         raise DataError(f"{log.path}: no column '{column}', which holds '{name}'{closest(column, log.header)}")
 
 
+def require_alike(logs, names):
+    """Refuse logs of which some lack what others hold: the model cannot be compared with half of a reference.
+
+    Parameters
+    ----------
+    logs : list of Log
+    names : iterable of str
+        Variables of the rig.
+
+    Raises
+    ------
+    DataError
+        Names the first log that lacks one.
+    """
+    for name in names:
+        lacking = [log for log in logs if name not in log.signals]
+        if lacking and len(lacking) < len(logs):
+            other = next(log for log in logs if name in log.signals)
+            raise DataError(f"{lacking[0].path}: no column '{lacking[0].columns[name]}', which {other.name} has; "
+                            "fit logs with and without it in two studies, or take the column out of [columns]")
+
+
 # --- checks ---------------------------------------------------------------------------------------------------------
 
 

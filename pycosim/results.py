@@ -245,6 +245,31 @@ def summary_data(dataset):
     return lines
 
 
+def summary_doubt(dataset, fit):
+    """Whether a slip in the study or the log is likelier than a missing effect.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    fit : Fit
+        Of the base model.
+
+    Returns
+    -------
+    list of str
+        One line, or none.
+    """
+    if dataset.paired or dataset.averaged:
+        return []
+    view = dataset.view("fit")
+    share = {c: fit.error[c] / max(np.std(dataset.measured[c][view]), 1e-300)
+             for c in dataset.channels if c in dataset.measured}
+    if not share or np.mean(np.square(list(share.values()))) < 1.0:
+        return []
+    return [f"Doubtful: the fitted model misses {_joined(share)} by more than a constant would; check units, signs, "
+            "zeros and the order of the columns before believing what follows."]
+
+
 def summary_parameters(result):
     """Parameters with intervals, and what the data cannot tell.
 

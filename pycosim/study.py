@@ -225,6 +225,9 @@ def _check_parameter(study, name, setting, known):
     if not low <= value <= high:
         raise BoundsError(f"{study.path}: '{name}' has the rig's default {value:g} {parameter.unit}, outside the "
                           f"study's bounds {low:g} to {high:g} {parameter.unit}; give a value within them")
+    if setting.fixed is False and max(low, parameter.min) == min(high, parameter.max):
+        raise BoundsError(f"{study.path}: '{name}' is to be fitted, but its bounds leave {value:g} {parameter.unit} "
+                          "alone; write fixed = true, or wider bounds")
 
 
 def _check_column(study, name, column, known):
