@@ -124,7 +124,7 @@ class Study:
     average : str or None
         ``file``: one file is one sample, its mean.
     reader : str or None
-        Format of the logs when it is neither CSV nor Parquet.
+        Format of the logs when their ending does not say it.
     """
 
     path: Path

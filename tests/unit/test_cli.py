@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmarks.hidden_effects.machine import PAPER, Effect, measure, six_manoeuvres, write_csv
@@ -220,6 +221,65 @@ def test_a_wrong_command_line_is_one_sentence(arguments, told, capsys, here):
     said = capsys.readouterr()
     assert told in said.err and said.err.count("\n") == 1 and said.out == ""
     assert not list(here.iterdir())
+
+
+# --- logs as users have them
+
+
+def with_columns(*lines):
+    """The example study with these lines instead of its columns."""
+    return STUDY.read_text().split("[columns]")[0] + "[columns]\n" + "\n".join(lines) + "\n"
+
+
+OTHER_UNITS = with_columns(
+    'time = { variable = "time", unit = "ms" }', 'theta1 = { variable = "motor1.phi", unit = "deg", zero = 30.0 }',
+    'theta2 = { variable = "motor2.phi", unit = "deg" }', 'omega1 = { variable = "motor1.w", unit = "rpm" }',
+    'I1 = { variable = "motor1.tau", unit = "A", k_m = 0.146 }',
+    'I2 = { variable = "motor2.tau", unit = "mA", k_m = 0.146 }',
+    'C_H = { variable = "C_H", unit = "N.m" }', 'C_K = { variable = "C_K", unit = "mN.m" }')
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_currents_degrees_and_milliseconds_give_the_same_parameters(ending, log, here):
+    si = pd.read_csv(log)
+    speed = np.gradient(si["theta1"], si["time"])
+    other = pd.DataFrame({
+        "time": 1e3 * si["time"], "theta1": np.degrees(si["theta1"]) + 30.0, "theta2": np.degrees(si["theta2"]),
+        "omega1": speed * 60 / (2 * np.pi), "I1": si["tau1"] / 0.146, "I2": 1e3 * si["tau2"] / 0.146,
+        "C_H": si["C_H"], "C_K": 1e3 * si["C_K"]})
+    other.to_csv(here / "other.csv", index=False)
+    other.to_parquet(here / "other.parquet")
+    si.assign(omega1=speed).drop(columns="manoeuvre").to_csv(here / "si.csv", index=False)
+    (here / "other.toml").write_text(OTHER_UNITS)
+    run("identify", STUDY, "--data", "si.csv", "--out", "one", "--quiet")
+    run("identify", "other.toml", "--data", f"other.{ending}", "--out", "two", "--quiet")
+    one, two = (read(here / n / "parameters.json")["parameters"] for n in ("one", "two"))
+    for name, p in one.items():
+        assert math.isclose(p["value"], two[name]["value"], rel_tol=1e-5, abs_tol=1e-7)
+
+
+def test_irregular_samples_and_drop_outs_give_nearly_the_same_parameters(log, here):
+    whole = pd.read_csv(log)
+    keep = np.random.default_rng(4).random(len(whole)) > 0.2
+    thinned = whole[keep].reset_index(drop=True)
+    thinned.loc[200:210, "tau2"] = np.nan
+    thinned.to_csv(here / "thinned.csv", index=False)
+    (here / "study.toml").write_text(STUDY.read_text().replace("[data]", '[data]\ndrop_outs = "skip"'))
+    run("add", STUDY, "viscous@1A", "--data", log, "--out", "whole", "--quiet")
+    run("add", "study.toml", "viscous@1A", "--data", "thinned.csv", "--quiet")
+    for name, p in read(here / "study_add" / "parameters.json")["parameters"].items():
+        low, high = read(here / "whole" / "parameters.json")["parameters"][name]["ci95"]
+        assert low - (high - low) <= p["value"] <= high + (high - low), name
+
+
+def test_the_held_out_run_is_the_one_the_study_names(log, here):
+    for k in (1, 2, 3):
+        shutil.copy(log, here / f"run{k}.csv")
+    (here / "study.toml").write_text(STUDY.read_text().replace("runs = []", 'runs = ["run*.csv"]').replace(
+        "held_out = []", 'held_out = ["run2.csv"]'))
+    run("compare", "study.toml", "--quiet")
+    by = read(here / "study_compare" / "comparison.json")["by"]
+    assert set(by["run"]) == {"run1.csv", "run2.csv", "run3.csv"} and by["part"]["test"] == by["run"]["run2.csv"]
 
 
 # --- the folder
