@@ -356,12 +356,15 @@ def _data(source, tables):
     w_min = source.take(both, "w_min", float, where)
     if w_min is not None and w_min <= 0:
         raise source.error(where, f"w_min = {w_min:g} rad/s must be above zero", "w_min")
+    seed = source.take(both, "seed", int, where, 0)
+    if seed < 0:
+        raise source.error(where, f"seed = {seed} must not be negative", "seed")
     runs, held_out = (_paths(source, table, key, where) for key in ("runs", "held_out"))
     fitted = [path for path in runs if path not in held_out]  # held_out may pick among runs
     if runs and not fitted:
         raise source.error(where, f"every log, {runs[0].name} first, is in runs and in held_out, so nothing is left to "
                            "fit; hold fewer out", "held_out")
-    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=source.take(both, "seed", int, where, 0),
+    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=seed,
                 reference=source.choice(table, "reference", REFERENCES, where, "unknown"),
                 labels=source.take(table, "label", str, where, "manoeuvre"),
                 time_column=source.take(table, "time_column", str, where, "time"),

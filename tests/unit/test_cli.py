@@ -17,6 +17,7 @@ import pytest
 from benchmarks.hidden_effects.machine import PAPER, Effect, measure, six_manoeuvres, write_csv
 from pycosim import cli, nulls, results
 from pycosim.cli import main
+from pycosim.compile import Library
 from pycosim.study import load_study
 
 ROOT = Path(__file__).parents[2]
@@ -166,6 +167,18 @@ def test_new_writes_a_study_that_loads_for_every_rig(rig, here, capsys):
     assert study.columns and any(s.fixed is False for s in study.parameters.values())
     before = path.read_text()
     assert main(["new", rig]) == 2 and path.read_text() == before  # never overwritten
+    # what stands in its comments holds too: parameters, columns and effects, all of them taken in at once
+    lines = [line.removeprefix("# ") for line in before.splitlines()]
+    settings = [line for line in lines if re.match(r'"[\w.]+" = \{ value = ', line)]
+    columns = [line for line in lines if re.match(r'"[\w.]+" = \{ variable = ', line) and '"current"' not in line]
+    effects = re.findall(r"^#   (\w+): .*; at (.*)$", before, re.M)
+    assert effects and all(places for _, places in effects)
+    chosen = "\n".join(f'[[effects]]\neffect = "{e}"\nplace = "{p.split(", ")[0]}"' for e, p in effects)
+    path.write_text("\n".join([f'[rig]\nmodel = "{study.rig}"', "[parameters]", *settings, "[columns]", *columns,
+                               chosen]))
+    model = load_study(path).validate(Library())
+    for name, setting in load_study(path).parameters.items():
+        assert math.isclose(setting.value, model.parameters[name].value), name  # the rig's defaults
 
 
 def test_new_takes_logs(log, here):
