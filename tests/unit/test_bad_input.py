@@ -225,6 +225,11 @@ def test_drop_outs_are_refused_with_their_rows_or_left_out_when_the_study_says_s
     log.to_csv(here / "log.csv", index=False)
     (here / "study.toml").write_text(STUDY)
     refused(here, capsys, "row 102-104, 302: column 'tau1'")
+    both = log.copy()
+    both.loc[[7, 8], "theta2"] = np.inf
+    both.to_csv(here / "both.csv", index=False)
+    refused(here, capsys, "row 9-10: column 'theta2' is empty, NaN or infinite; so is 'tau1' in row 102-104, 302;",
+            data=("both.csv",))
     (here / "study.toml").write_text(STUDY.replace("[data]", '[data]\ndrop_outs = "skip"'))
     assert main(["compare", "study.toml", "--data", "log.csv"]) == 0
     assert "log.csv: 4 rows left out." in capsys.readouterr().out
