@@ -77,9 +77,18 @@ def _profile(dataset, residual, problem, block):
 def explanations(dataset, model, fit, problem_index):
     """Variables that the residual may depend on, at the samples of a problem.
 
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    problem_index : ndarray of int, shape (n,)
+        The samples.
+
     Returns
     -------
-    dict of str to ndarray
+    dict of str to ndarray, shape (n,)
+        SI units.
     """
     study = dataset.study
     column = {c.variable: n for n, c in study.columns.items()}
@@ -107,7 +116,17 @@ def explanations(dataset, model, fit, problem_index):
 
 
 def time_since_reversal(dataset):
-    """Time since the start of the pass, 0 while nothing moves."""
+    """Time since the start of the pass, 0 while nothing moves.
+
+    Parameters
+    ----------
+    dataset : Dataset
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        [s]
+    """
     since = np.zeros(len(dataset.time))
     for s in contiguous(dataset.time, dataset.passes):
         since[s] = dataset.time[s] - dataset.time[s.start]
@@ -121,11 +140,18 @@ def dependence(dataset, model, fit, seed=0):
     each place (and plainly), on blocks that the bins were not fitted to. The strength is the share of the residual's
     energy that this removes.
 
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    seed : int
+
     Returns
     -------
-    list of dict
+    found : list of dict
         ``{"variable": .., "strength": ..}``.
-    bool
+    sure : bool
         Whether the strongest is beyond chance.
     """
     from .compile import compile_model
