@@ -90,16 +90,7 @@ class Residuals:
         return self.measured.shape[1]
 
     def thin(self, k):
-        """The same problem on every k-th sample.
-
-        Parameters
-        ----------
-        k : int
-
-        Returns
-        -------
-        Residuals
-        """
+        """The same problem on every k-th sample."""
         def terms(parameters, free):
             return [Term(t.weight, {n: _slice(v, slice(None, None, k)) for n, v in t.signals.items()},
                          t.states[:, ::k], t.sensitivities[:, :, ::k]) for t in self.terms(parameters, free)]
@@ -109,17 +100,7 @@ class Residuals:
         return fewer
 
     def on(self, terms):
-        """The same problem on other signals.
-
-        Parameters
-        ----------
-        terms : callable
-            As the attribute `terms`.
-
-        Returns
-        -------
-        Residuals
-        """
+        """The same problem on other signals."""
         other = copy.copy(self)
         other.terms = terms
         return other
@@ -168,17 +149,7 @@ class Residuals:
                     slope[channel, self.free.index(name), inner] += term.weight * values[offset + k] * moved
 
     def residual(self, x):
-        """Residual of all samples.
-
-        Parameters
-        ----------
-        x : sequence of float
-            Values of the free parameters.
-
-        Returns
-        -------
-        ndarray, shape (channels, n)
-        """
+        """Residual of all samples, shape (channels, n)."""
         parameters = {**self.parameters, **dict(zip(self.free, x))}
         result = self.measured.copy()
         for term in self.terms(parameters, ()):
@@ -198,11 +169,6 @@ class Residuals:
             One a channel.
         robust : bool
             Weigh residuals beyond 1.345 median spreads down (Huber).
-
-        Returns
-        -------
-        ndarray, shape (p + 1, p + 1)
-            Of the p free parameters, and of the residual in the last row and column.
         """
         p = len(self.free)
         total = np.zeros((p + 1, p + 1))

@@ -1,7 +1,7 @@
 """Friction states along a log: motion in, states (and what they owe to the parameters) out.
 
-A friction state follows ``x' = a x + b`` with ``a`` and ``b`` of the speed, stiff when its travel is short. Each step
-is exact for inputs held at their mean over it, and the steps of a whole log are a linear recursion.
+A friction state follows ``x' = a x + b`` with ``a`` and ``b`` of the speed, stiff when its travel is short. Each step is
+exact for inputs held at their mean over it, and the steps of a whole log are a linear recursion.
 """
 
 from __future__ import annotations
