@@ -9,8 +9,15 @@ from pathlib import Path
 
 
 def folder():
-    """Folder of the cache: ``PYCOSIM_CACHE``, or the user's cache folder; None when it cannot be written."""
-    base = os.environ.get("PYCOSIM_CACHE") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pycosim"
+    """Folder of the cache: ``PYCOSIM_CACHE``, or the user's cache folder.
+
+    Returns
+    -------
+    Path or None
+        None when it cannot be written.
+    """
+    users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    base = os.environ.get("PYCOSIM_CACHE") or users / "pycosim"
     try:
         Path(base).mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -19,7 +26,16 @@ def folder():
 
 
 def digest(*parts):
-    """Hash of strings and lists of strings, and of pycosim's own compiler."""
+    """Hash of strings and lists of strings, and of pycosim's own compiler.
+
+    Parameters
+    ----------
+    *parts : str or iterable of str
+
+    Returns
+    -------
+    str
+    """
     h = hashlib.sha256(_own_code())
     for part in parts:
         for text in [part] if isinstance(part, str) else part:
@@ -43,6 +59,11 @@ def remember(kind, key, make, dump, load):
         Computes the value.
     dump, load : callable
         Value to bytes and back.
+
+    Returns
+    -------
+    object
+        The value.
     """
     place = folder()
     if place is None:

@@ -7,7 +7,7 @@ Nothing heavy is imported before the arguments are read, so that help and refusa
 from __future__ import annotations
 
 import argparse
-import importlib
+import json
 import os
 import sys
 import tempfile
@@ -75,11 +75,19 @@ class _Parser(argparse.ArgumentParser):
 
 
 def build_parser():
-    """The parser of the whole command line."""
+    """The parser of the whole command line.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+    """
     parser = _Parser(prog="pycosim", allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter,
-                     description="Compare the model of a geared or cable-driven actuator with its logs, and learn which "
-                                 "physical effect is missing.",
-                     epilog="'pycosim VERB --help' has the options and an example of each.")
+                     description="Compare the model of a geared or cable-driven actuator with its logs, and learn "
+                                 "which physical effect is missing.",
+                     epilog="example:\n  pycosim new HipKnee\n  pycosim improve HipKnee.toml --data my_log.csv\n\n"
+                            "'pycosim VERB --help' has the options and an example of each. To complete verbs, options\n"
+                            "and files with the tabulator key, in bash or zsh:\n"
+                            "  eval \"$(register-python-argcomplete pycosim)\"")
     parser.add_argument("--version", action="version", version=f"pycosim {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs")
     for verb, (what, _, example, more) in VERBS.items():
@@ -87,7 +95,8 @@ def build_parser():
                                description=f"{what[0].upper()}{what[1:]}. {more}".strip(),
                                formatter_class=argparse.RawDescriptionHelpFormatter, epilog=f"example:\n  {example}")
         if verb == "new":
-            sub.add_argument("rig", metavar="RIG", help="Modelica class, as DriveTrain.Rigs.HipKnee or HipKnee")
+            sub.add_argument("rig", metavar="RIG",
+                             help="Modelica class, as DriveTrain.Rigs.HipKnee or HipKnee").completer = _rigs
         elif verb != "demo":
             sub.add_argument("study", metavar="STUDY", help="study file (TOML)")
         if verb == "add":
@@ -106,8 +115,29 @@ def build_parser():
     return parser
 
 
+def _rigs(**_):
+    """Short names of the rigs, for a shell that completes them."""
+    from .compile import Library
+    return list(rigs(Library()))
+
+
+def complete():
+    """Answer a shell that asks how to complete a line (argcomplete says so in the environment), and leave."""
+    if "_ARGCOMPLETE" in os.environ:
+        import argcomplete
+        argcomplete.autocomplete(build_parser())
+
+
 def parse(argv):
     """Arguments of a command line.
+
+    Parameters
+    ----------
+    argv : list of str
+
+    Returns
+    -------
+    argparse.Namespace
 
     Raises
     ------
@@ -182,21 +212,53 @@ class Run:
         self.lines = []
 
     def read(self):
-        """Read the logs."""
+        """Read the logs.
+
+        Returns
+        -------
+        Dataset
+        """
         from .dataset import Dataset
+        from .measurements import require_alike
         self.progress("reading the logs")
         self.dataset = Dataset(self.study, self.library)
+        require_alike(self.dataset.logs, self.dataset.outputs)
+        if self.dataset.paired and self.study.reference != "unknown":
+            raise StudyError(f'{self.study.path}: reference = "{self.study.reference}", but no log holds '
+                             f'{", ".join(self.dataset.outputs)}; log that, or write reference = "unknown"')
         self.lines += self.results.summary_data(self.dataset)
         return self.dataset
 
     def fit(self, model=None):
-        """Fit the study's free parameters."""
+        """Fit the study's free parameters.
+
+        Parameters
+        ----------
+        model : Model, optional
+            The study's by default.
+
+        Returns
+        -------
+        Fit
+        """
         from . import identify
         self.progress("fitting")
-        return identify.fit(self.dataset, model or self.model)
+        fit = identify.fit(self.dataset, model or self.model)
+        self.lines += self.results.summary_doubt(self.dataset, fit)
+        return fit
 
     def compare(self, model, fit):
-        """``comparison.json`` of a fitted model, the error with the study's own values included."""
+        """``comparison.json`` of a fitted model, the error with the study's own values included.
+
+        Parameters
+        ----------
+        model : Model
+        fit : Fit
+
+        Returns
+        -------
+        dict
+        """
         from . import compare, identify
         result = compare.compare(self.dataset, model, fit)
         if self.verb == "compare":
@@ -205,14 +267,31 @@ class Run:
         return self.results.plain(result)
 
     def write(self, name, result):
-        """Write one result; the verb's main file is kept for ``--json``."""
+        """Write one result; the verb's main file is kept for ``--json``.
+
+        Parameters
+        ----------
+        name : str
+        result : dict or str
+        """
         text = result if isinstance(result, str) else self.results.to_json(result)
         self.folder.write(name, text)
         if name == VERBS[self.verb][1]:
             self.main = text
 
     def write_model(self, model, fit):
-        """The study with the model's effects, its parameters, and its errors."""
+        """The study with the model's effects, its parameters, and its errors.
+
+        Parameters
+        ----------
+        model : Model
+        fit : Fit
+
+        Returns
+        -------
+        dict
+            ``parameters.json``.
+        """
         from .study import write_study
         parameters = self.results.parameters(fit, model, self.study.seed)
         self.write("parameters.json", parameters)
@@ -221,13 +300,16 @@ class Run:
         return parameters
 
     def draw(self, function, *arguments):
-        """Figures, where they are available."""
-        try:
-            figures = importlib.import_module(f"{__package__}.figures")
-        except ModuleNotFoundError as error:
-            if error.name != f"{__package__}.figures":
-                raise
-            return
+        """Figures, into the folder of the results.
+
+        Parameters
+        ----------
+        function : str
+            Of `pycosim.figures`.
+        *arguments
+            Its arguments after folder and data set.
+        """
+        from . import figures
         self.progress("drawing")
         getattr(figures, function)(self.folder.temporary, self.dataset, *arguments)
 
@@ -278,6 +360,7 @@ def _add(run, arguments):
 def _improve(run, arguments):
     from .improve import improve
     found = improve(run.dataset, run.model, run.study.seed, run.progress)
+    run.lines += run.results.summary_doubt(run.dataset, found.steps[0].fit)
     first, last = (run.results.diagnosis(d, run.library) for d in (found.first, found.last))
     steps = run.results.ladder(found.steps, run.dataset)
     run.write("diagnosis.json", first)
@@ -306,6 +389,11 @@ VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add"
 
 def checked_effect(run, text):
     """Effect and candidate places of ``EFFECT[@PLACE]``.
+
+    Parameters
+    ----------
+    run : Run
+    text : str
 
     Returns
     -------
@@ -342,9 +430,22 @@ def checked_effect(run, text):
 def best_place(run, effect, places):
     """Refit with an effect at each of the places; the best by selection error.
 
+    Parameters
+    ----------
+    run : Run
+    effect : str
+    places : list of str
+
     Returns
     -------
-    (model, fit), lines
+    chosen : (Model, Fit)
+    lines : list of str
+        What was done, and what it is worth.
+
+    Raises
+    ------
+    StudyError
+        The effect fits at none of them.
     """
     from . import identify
     from .compile import compile_model
@@ -420,21 +521,58 @@ def _new(arguments):
     return path
 
 
+def rigs(library):
+    """Rigs of a library.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    dict of str to str
+        Full name by short name.
+    """
+    return {n.rsplit(".", 1)[-1]: n for n in library.walk() if ".Rigs." in n}
+
+
 def find_rig(library, name):
     """Full name of a rig, from its full or its short name.
+
+    Parameters
+    ----------
+    library : Library
+    name : str
+
+    Returns
+    -------
+    str
 
     Raises
     ------
     UnknownNameError
     """
-    rigs = {n.rsplit(".", 1)[-1]: n for n in library.walk() if ".Rigs." in n}
-    if name in rigs or name in rigs.values():
-        return rigs.get(name, name)
-    raise UnknownNameError(f"no rig '{name}'{closest(name.rsplit('.', 1)[-1], rigs)}")
+    known = rigs(library)
+    if name in known or name in known.values():
+        return known.get(name, name)
+    raise UnknownNameError(f"no rig '{name}'{closest(name.rsplit('.', 1)[-1], known)}")
 
 
 def template(library, rig, runs):
-    """Lines of a commented study for a rig."""
+    """Lines of a commented study for a rig.
+
+    Parameters
+    ----------
+    library : Library
+    rig : str
+        Full name.
+    runs : list of str
+        Logs, relative to the study.
+
+    Yields
+    ------
+    str
+    """
     from .compile import catalogue, compile_model, places
     from .study import _toml
     model = compile_model(library, rig)
@@ -445,30 +583,42 @@ def template(library, rig, runs):
     yield f"\n[rig]\nmodel = {_toml(rig)}"
     yield "\n[parameters]                 # SI units; fixed = false is fitted, the others are the rig's defaults"
     open_ones = list(_free(model, question))
-    for name in question.parameters:
+    for name in [*open_ones, *sorted(set(question.parameters) - set(open_ones))]:
         p = model.parameters[name]
         fixed = name not in open_ones
         bounds = "".join(f", {k} = {_toml(v)}" for k, v in (("min", p.min), ("max", p.max)) if abs(v) != float("inf"))
         line = f"{_toml(name)} = {{ value = {_toml(p.value)}{bounds}, fixed = {_toml(fixed)} }}"
         yield f"{'# ' if fixed else ''}{line}  # {p.unit}; {p.description or name}"
     yield "\n[data]"
-    yield f"runs = {_toml(runs)}                    # logs, CSV or Parquet; or --data FILE..."
+    yield f"runs = {_toml(runs)}                    # logs; or --data FILE..."
     yield "held_out = []                # logs kept for the test"
     yield 'reference = "unknown"        # of the joint torques: "sensor", "gravity_model" (computed), "unknown"'
     yield '# drop_outs = "skip"         # leave rows with missing numbers out, rather than refuse the log'
-    yield "\n[columns]                    # left: the column in your log; take out what it lacks. Time is in 'time' [s]"
+    yield "\n[columns]                    # left: the column in your log, right: what it is, and its unit there"
     speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.flat.variables]
     for name, role in [*((n, "needed") for n in known), *((n, "optional; else derived from the angle") for n in speeds),
                        *((n, "what the model is compared with") for n in wanted)]:
         v = model.flat.variables[name]
         yield (f"{_toml(name)} = {{ variable = {_toml(name)}, unit = {_toml(v.unit)} }}"
                f"  # {v.description or name}; {role}")
+    for line in _other_columns(known):
+        yield f"# {line}"
     yield "\n# Effects, to be added by hand or found by 'pycosim improve':"
     yield '# [[effects]]\n# effect = "viscous"\n# place = ".."'
     for effect in catalogue(library).values():
         found = [p.name for p in places(library, rig, effect)]
         if found:
             yield f"#   {effect.id}: {effect.description}; at {', '.join(found)}"
+
+
+def _other_columns(known):
+    """Lines for what a log may hold otherwise."""
+    torque = next((n for n in known if n.endswith(".tau")), None)
+    if torque:
+        yield (f'"current" = {{ variable = {json.dumps(torque)}, unit = "A", k_m = 0.1 }}'
+               "  # instead of a torque; k_m [N.m/A]")
+    yield '"time" = { variable = "time", unit = "ms" }  # when the time is not in s'
+    yield '"temperature" = { variable = "temperature", unit = "degC" }  # optional'
 
 
 def _free(model, question):
@@ -497,7 +647,18 @@ def _demo(arguments, progress):
 
 
 def run_verb(arguments, progress):
-    """Run a verb; returns the text for stdout."""
+    """Run a verb.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    progress : callable
+
+    Returns
+    -------
+    str
+        Text for stdout.
+    """
     start = time.monotonic()
     if arguments.verb == "new":
         path = _new(arguments)
@@ -520,8 +681,8 @@ def run_verb(arguments, progress):
         VERB[arguments.verb](run, arguments)
     if arguments.json:
         return run.main
-    files = ", ".join(f for f in run.folder.files)
-    return "\n".join([*run.lines, f"Took {time.monotonic() - start:.1f} s.", f"Results in {run.out}: {files}", ""])
+    return "\n".join([*run.lines, f"Took {time.monotonic() - start:.1f} s.",
+                      f"Results in {run.out}: {run.folder.listed}", ""])
 
 
 def main(argv=None):
@@ -538,6 +699,7 @@ def main(argv=None):
         Exit code.
     """
     try:
+        complete()
         arguments = parse(sys.argv[1:] if argv is None else list(argv))
         if arguments.verb is None:
             build_parser().print_help()
@@ -556,7 +718,7 @@ def main(argv=None):
     except PycosimError as error:
         return _say(str(error), 2)
     except KeyboardInterrupt:
-        return _say("interrupted; nothing was written", 130)
+        return _say("interrupted; earlier results are as they were", 130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0

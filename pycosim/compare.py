@@ -5,12 +5,66 @@ from __future__ import annotations
 import numpy as np
 
 from .dependence import explanations
+from .study import LOG_VARIABLES
 
 GROUPS = 8
+WORDS = {"speed": "speed of {}", "load": "mean load of {}", "acceleration": "acceleration of {}",
+         "time_since_reversal": "time since reversal"}
+
+
+def worded(name):
+    """A variable of `explanations`, or a grouping, in words.
+
+    Parameters
+    ----------
+    name : str
+        As ``speed@2A``.
+
+    Returns
+    -------
+    str
+        As ``speed of 2A``.
+    """
+    kind, _, place = name.partition("@")
+    return WORDS.get(kind, name).format(place)
+
+
+def unit_of(dataset, name):
+    """Unit of a channel, a log's column, or a variable such as ``speed@2A``.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    name : str
+
+    Returns
+    -------
+    str
+        ``1`` for a number without unit.
+    """
+    kind, _, place = name.partition("@")
+    flat = dataset.base.flat.variables
+    component = next((c for c, p in dataset.base.segments.items() if p == place), None)
+    if kind in ("speed", "acceleration", "load"):
+        unit = flat[f"{component}.{'L' if kind == 'load' else 'w'}"].unit
+        return unit + "/s" if kind == "acceleration" else unit
+    if kind in ("time", "time_since_reversal"):
+        return "s"
+    variable = name.removesuffix("_pair")
+    variable = dataset.study.columns[variable].variable if variable in dataset.study.columns else variable
+    return flat[variable].unit if variable in flat else LOG_VARIABLES.get(variable, "1")
 
 
 def errors(dataset, model, fit, part="all"):
     """RMSE of each channel over the moving samples of a part.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    part : str
+        ``fit``, ``test`` or ``all``.
 
     Returns
     -------
@@ -22,7 +76,20 @@ def errors(dataset, model, fit, part="all"):
 
 
 def joint_errors(dataset, model, fit, part="all"):
-    """RMSE of measured joint angles against those of the motors, each with one free zero."""
+    """RMSE of measured joint angles against those of the motors, each with one free zero.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    part : str
+
+    Returns
+    -------
+    dict of str to float
+        [rad]; empty without joint encoders.
+    """
     found = {}
     where = dataset.view(part)
     where = where.i if dataset.paired else where
@@ -36,6 +103,12 @@ def joint_errors(dataset, model, fit, part="all"):
 
 def branches(dataset, model, fit):
     """``direct`` or ``reverse`` of every segment at every sample: the sign of load times speed.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
 
     Returns
     -------
@@ -60,8 +133,8 @@ def compare(dataset, model, fit, part="all"):
     Returns
     -------
     dict
-        ``comparison.json``: ``error``, ``by`` (manoeuvre, branch, part, and quantile groups of every variable), and how
-        many samples were left out.
+        ``comparison.json``: ``error``, ``by`` (manoeuvre, branch, part, and quantile groups of every variable), the
+        ``units`` of these variables, and how many samples were left out.
     """
     problem = dataset.residuals(model, fit.free, fit.parameters, part)
     residual = problem.residual(fit.values)
@@ -78,12 +151,13 @@ def compare(dataset, model, fit, part="all"):
     if len(dataset.logs) > 1:
         names = np.array([log.name for log in dataset.logs])
         by["run"] = _grouped(dataset, residual, names[dataset.run[index]])
-    for name, values in explanations(dataset, model, fit, index).items():
+    variables = explanations(dataset, model, fit, index)
+    for name, values in variables.items():
         by[name] = _grouped(dataset, residual, _quantile_labels(values))
     return {"schema": 1,
             "error": {**{c: float(np.sqrt(np.mean(r ** 2))) for c, r in zip(dataset.channels, residual)},
                       **joint_errors(dataset, model, fit, part)},
-            "by": by,
+            "by": by, "units": {name: unit_of(dataset, name) for name in variables},
             "samples": {"used": int(problem.n), "moving": int(dataset.moving.sum()), "all": int(len(dataset.time)),
                         "w_min": float(dataset.w_min), "unit_w_min": "rad/s",
                         "left_out_rows": {log.name: log.dropped for log in dataset.logs if log.dropped}}}
@@ -107,4 +181,4 @@ def _quantile_labels(values):
     return names[number]
 
 
-__all__ = ["branches", "compare", "errors", "joint_errors"]
+__all__ = ["branches", "compare", "errors", "joint_errors", "unit_of", "worded"]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 import time as clock
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -65,17 +64,17 @@ C_K = {{ variable = "C_K", unit = "N.m" }}
 """
 
 
-def run(out=None, quiet=False, progress=None):
+def run(out, quiet=False, progress=None):
     """Make a log with a hidden effect, and find the effect from the log alone.
 
     Parameters
     ----------
-    out : path, optional
-        Folder of the results; ``./pycosim_demo`` by default.
+    out : path
+        Folder of the results.
     quiet : bool
         Say nothing.
     progress : callable, optional
-        Called with a sentence before each stage; a line on the terminal by default.
+        Called with a sentence before each stage.
 
     Returns
     -------
@@ -86,9 +85,10 @@ def run(out=None, quiet=False, progress=None):
     FolderError
         The folder holds what is not ours, or cannot be written.
     """
-    began, out = clock.monotonic(), Path(out or "pycosim_demo")
+    began, out = clock.monotonic(), Path(out)
     say = (lambda *lines: None) if quiet else _say
-    with _progress(quiet, progress) as progress, results.Folder(out, "demo", writes=FILES) as folder:
+    progress = progress or (lambda text: None)
+    with results.Folder(out, "demo", writes=FILES) as folder:
         library = Library()
         progress("making a log")
         _make(library, folder)
@@ -103,8 +103,7 @@ def run(out=None, quiet=False, progress=None):
         _tell(folder, found, library, say)
         progress("drawing")
         figures.write_figures(folder.temporary, dataset, found)
-    say(f"Took {clock.monotonic() - began:.0f} s. Everything is in {out}: figures/, "
-        + ", ".join(f for f in folder.files if "/" not in f) + ".",
+    say(f"Took {clock.monotonic() - began:.0f} s. Everything is in {out}: {folder.listed}.",
         f"The same on the log alone: pycosim improve {out / 'study.toml'}")
     return found
 
@@ -115,12 +114,6 @@ def _say(*lines):
     if hasattr(stream, "rich_proxied_file") and not stream.rich_proxied_file.isatty():
         stream = stream.rich_proxied_file
     print(*lines, sep="\n", file=stream, flush=True)
-
-
-def _progress(quiet, given):
-    """The given progress, or a line on the terminal."""
-    from .cli import Progress
-    return nullcontext(given) if given else Progress(quiet)
 
 
 # --- the log --------------------------------------------------------------------------------------------------------

@@ -17,10 +17,19 @@ def noise_floor(dataset, model, fit):
     The smaller of the spread within a pass after removing what is smooth over it (a cubic in time), and the difference
     of repeats of the same line at the same speed.
 
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+
     Returns
     -------
     dict of str to float
+        NaN where a whole run is one sample: nothing shows how much of it is noise.
     """
+    if dataset.averaged:
+        return dict.fromkeys(dataset.channels, float("nan"))
     problem = dataset.residuals(model, fit.free, fit.parameters, "all")
     residual = problem.residual(fit.values)
     floors = {}
@@ -68,9 +77,18 @@ def _profile(dataset, residual, problem, block):
 def explanations(dataset, model, fit, problem_index):
     """Variables that the residual may depend on, at the samples of a problem.
 
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    problem_index : ndarray of int, shape (n,)
+        The samples.
+
     Returns
     -------
-    dict of str to ndarray
+    dict of str to ndarray, shape (n,)
+        SI units.
     """
     study = dataset.study
     column = {c.variable: n for n, c in study.columns.items()}
@@ -98,7 +116,17 @@ def explanations(dataset, model, fit, problem_index):
 
 
 def time_since_reversal(dataset):
-    """Time since the start of the pass, 0 while nothing moves."""
+    """Time since the start of the pass, 0 while nothing moves.
+
+    Parameters
+    ----------
+    dataset : Dataset
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        [s]
+    """
     since = np.zeros(len(dataset.time))
     for s in contiguous(dataset.time, dataset.passes):
         since[s] = dataset.time[s] - dataset.time[s.start]
@@ -112,11 +140,18 @@ def dependence(dataset, model, fit, seed=0):
     each place (and plainly), on blocks that the bins were not fitted to. The strength is the share of the residual's
     energy that this removes.
 
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    seed : int
+
     Returns
     -------
-    list of dict
+    found : list of dict
         ``{"variable": .., "strength": ..}``.
-    bool
+    sure : bool
         Whether the strongest is beyond chance.
     """
     from .compile import compile_model

@@ -15,13 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
-from .compare import branches, errors
+from .compare import branches, unit_of, worded
 from .compile import compile_model, component_name
 from .dependence import explanations, noise_floor
 from .noise import contiguous
 
 COLUMN, PAGE = 3.46, 7.1  # width of a column and of a page [inch]
-BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#767676"  # Okabe and Ito: safe for colour-blind readers
+# Hues of Okabe and Ito, safe for colour-blind readers; the blue darker than theirs, to differ from the red in print
+BLUE, RED, GREEN, GREY = "#004C7F", "#D55E00", "#009E73", "#767676"
 TONES = BLUE, RED, GREEN, "black"
 MARKERS, LINES, HATCHES = "os^D", ("-", "--", "-.", ":"), ("", "////", "....", "xxxx")
 PIXELS = 1200  # across a page, in a preview of 170 dots an inch
@@ -77,21 +78,6 @@ def _quiet():
 # --- words and units ------------------------------------------------------------------------------------------------
 
 
-def unit_of(dataset, name):
-    """Unit of a channel, a log's column, or a variable such as ``speed@2A``."""
-    kind, _, place = name.partition("@")
-    flat = dataset.base.flat.variables
-    component = next((c for c, p in dataset.base.segments.items() if p == place), None)
-    if kind in ("speed", "acceleration", "load"):
-        unit = flat[f"{component}.{'L' if kind == 'load' else 'w'}"].unit
-        return unit + "/s" if kind == "acceleration" else unit
-    if kind in ("time", "time_since_reversal"):
-        return "s"
-    variable = name.removesuffix("_pair")
-    variable = dataset.study.columns[variable].variable if variable in dataset.study.columns else variable
-    return flat[variable].unit if variable in flat else "1"
-
-
 def _pretty(unit):
     """A unit as papers print it."""
     text = unit.replace("rad/s/s", "rad/s2").replace("m/s/s", "m/s2").replace(".", r"$\,$").replace("s2", "s$^2$")
@@ -99,11 +85,23 @@ def _pretty(unit):
 
 
 def label(dataset, name, symbol=None):
-    """Axis label of a channel or variable, with its unit."""
-    kind, _, place = name.partition("@")
-    words = {"speed": f"speed of {place}", "load": f"mean load of {place}", "acceleration": f"acceleration of {place}",
-             "time": "time", "time_since_reversal": "time since reversal"}
-    return f"{symbol or words.get(kind) or _symbol(dataset, name)} [{_pretty(unit_of(dataset, name))}]"
+    """Axis label of a channel or variable, with its unit.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    name : str
+        Channel, column, or variable of `pycosim.dependence.explanations`.
+    symbol : str, optional
+        Instead of the name's own.
+
+    Returns
+    -------
+    str
+    """
+    words = worded(name)
+    text = symbol or (words if words != name else _symbol(dataset, name))
+    return f"{text} [{_pretty(unit_of(dataset, name))}]"
 
 
 def _symbol(dataset, name):
@@ -127,6 +125,12 @@ def _capital(text):
 def outputs(dataset, model, parameters):
     """Values of the compared outputs by a model, NaN where nothing moves.
 
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    parameters : dict of str to float
+
     Returns
     -------
     dict of str to ndarray, shape (n,)
@@ -137,6 +141,10 @@ def outputs(dataset, model, parameters):
 
 def ideal(dataset):
     """Values of the compared outputs without any friction: no effect, every f0 = 0 and mu = 1.
+
+    Parameters
+    ----------
+    dataset : Dataset
 
     Returns
     -------
@@ -151,7 +159,24 @@ def ideal(dataset):
 
 
 def residual_of(dataset, model, fit, parameters=None, part="all"):
-    """Residual of a model, shape (channels, samples), and the samples' indices in the log."""
+    """Residual of a model, and where in the log its samples are.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    parameters : dict of str to float, optional
+        Values to use instead of the fitted ones.
+    part : str
+        ``fit``, ``test`` or ``all``.
+
+    Returns
+    -------
+    residual : ndarray, shape (channels, samples)
+        In the channels' units.
+    index : ndarray of int, shape (samples,)
+    """
     problem = dataset.residuals(model, fit.free, {**fit.parameters, **(parameters or {})}, part)
     view = dataset.view(part)
     values = [(parameters or {}).get(n, v) for n, v in zip(fit.free, fit.values)]
@@ -191,6 +216,12 @@ def _bins(values, count=BINS):
 
 def binned(x, y, count=BINS):
     """Mean and spread of y over bins of x.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+    count : int
+        Number of bins.
 
     Returns
     -------
@@ -280,6 +311,14 @@ def manoeuvres(dataset):
     """The passes in motor space, with their directions; dashed, the lines on which a segment stands still.
 
     The longest pass of each manoeuvre is named at its arrow; others are thin lines.
+
+    Parameters
+    ----------
+    dataset : Dataset
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     x, y = (dataset.measured[n] for n in _angles(dataset))
     figure = Figure(figsize=(COLUMN, 3.0))
@@ -366,6 +405,10 @@ def over_time(dataset, model, fit, other=None, window=None):
         The improved model.
     window : slice, optional
         Of the samples; the whole log with ``slice(None)``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     residual, index = residual_of(dataset, model, fit)
     window = window or _widened(dataset, _window(dataset, residual, index))
@@ -456,23 +499,27 @@ def _names(axes, dataset, window):
 
 @_styled
 def where_it_fails(dataset, model, fit, floor=None):
-    """Error by manoeuvre, and by branch of every segment (direct: power flows to the joint; reverse: back).
+    """Error by manoeuvre, by branch of every segment (direct: power flows to the joint; reverse: back), and by run.
 
+    Runs have the numbers of their order in the study. A log that has none of these is split by the sign of the speed.
     Dotted: the noise floor of each channel.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    floor : dict of str to float, optional
+        Noise floor of each channel.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     residual, index = residual_of(dataset, model, fit)
-    floor = floor or noise_floor(dataset, model, fit)
-    panels = []
-    if dataset.labels is not None and len(np.unique(dataset.labels[index])) > 1:
-        panels.append(("Manoeuvre", _rmse(residual, dataset.labels[index].astype(str))))
-    split = {}
-    for place, branch in branches(dataset, model, fit).items():
-        for name, values in _rmse(residual, branch[index].astype(str)).items():
-            split[f"{place}\n{name}"] = values
-    if split:
-        panels.append(("Branch of segment", split))
-    panels = panels or [("Run", _rmse(residual, np.array([log.name for log in dataset.logs])[dataset.run[index]]))]
-    widths = [max(2, len(values)) for _, values in panels]
+    floor = _floor(dataset, model, fit) if floor is None else floor
+    panels = [(name, values) for name, values in _splits(dataset, model, fit, residual, index) if len(values) > 1]
+    widths = [max(3, len(values)) for _, values in panels]
     wide = PAGE if sum(widths) > 6 else COLUMN
     figure = Figure(figsize=(wide, 2.1))
     axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True, width_ratios=widths))
@@ -484,6 +531,28 @@ def where_it_fails(dataset, model, fit, floor=None):
     names = sorted(handles, key=lambda n: n.startswith("noise"))
     figure.legend([handles[n] for n in names], names, loc="outside upper center", ncols=4)
     return figure
+
+
+def _splits(dataset, model, fit, residual, index):
+    """Names of groupings and their errors."""
+    if dataset.labels is not None:
+        yield "Manoeuvre", _rmse(residual, dataset.labels[index].astype(str))
+    split = {}
+    for place, branch in branches(dataset, model, fit).items():
+        groups = _rmse(residual, branch[index].astype(str))
+        split.update({f"{place}\n{name}": values for name, values in groups.items() if len(groups) > 1})
+    yield "Branch of segment", split
+    if not dataset.averaged:
+        yield "Run", _rmse(residual, dataset.run[index] + 1)
+    elif not split:
+        for k, place in enumerate(dataset.base.segments.values()):
+            names = np.where(dataset.speeds[k, index] > 0, f"{place}\nforward", f"{place}\nbackward")
+            yield "Direction of segment", _rmse(residual, names)
+
+
+def _floor(dataset, model, fit):
+    """Noise floor of each channel; none where a run is one sample, whose scatter nothing shows."""
+    return {c: v for c, v in noise_floor(dataset, model, fit).items() if np.isfinite(v)}
 
 
 def _units(dataset):
@@ -502,7 +571,7 @@ def _bars(axes, dataset, groups, floor):
         at = np.arange(len(groups)) + (k - (count - 1) / 2) * 0.8 / count
         axes.bar(at, [v[k] for v in groups.values()], 0.8 / count, color=("0.35", "white")[k % 2], edgecolor="black",
                  lw=0.6, hatch=HATCHES[k], label=_symbol(dataset, channel))
-    for k, channel in enumerate(dataset.channels):
+    for k, channel in enumerate(c for c in dataset.channels if c in floor):
         axes.axhline(floor[channel], color=TONES[k], ls=(":", "--")[k % 2], lw=1.2,
                      label=f"noise floor of {_symbol(dataset, channel)}")
     axes.set_xticks(range(len(groups)), list(groups), fontsize=6.5 if len(groups) < 14 else 5)
@@ -517,9 +586,21 @@ def residuals(dataset, model, fit, floor=None):
 
     Of each kind the variable with the strongest dependence is shown. Mean and standard deviation in bins, apart for the
     two directions of the segment named in the legend; grey band: the noise floor.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    floor : dict of str to float, optional
+        Noise floor of each channel.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     residual, index = residual_of(dataset, model, fit)
-    floor = floor or noise_floor(dataset, model, fit)
+    floor = _floor(dataset, model, fit) if floor is None else floor
     known = explanations(dataset, model, fit, index)
     forward, name = _direction(dataset, residual, known)
     shown = _strongest(dataset, residual, known, forward)
@@ -528,7 +609,7 @@ def residuals(dataset, model, fit, floor=None):
     axes = figure.subplots(len(dataset.channels), count, sharex="col", sharey="row", squeeze=False)
     for c, channel in enumerate(dataset.channels):
         for panel, variable in zip(axes[c], shown):
-            _scatter(panel, known[variable], residual[c], forward, floor[channel], name)
+            _scatter(panel, known[variable], residual[c], forward, floor.get(channel), name)
             if c == len(dataset.channels) - 1:
                 panel.set_xlabel(_capital(label(dataset, variable)))
         axes[c, 0].set_ylabel(f"Residual of {_symbol(dataset, channel)} [{_pretty(unit_of(dataset, channel))}]")
@@ -568,7 +649,8 @@ def _strongest(dataset, residual, known, forward):
 
 
 def _scatter(axes, x, y, forward, floor, name):
-    axes.axhspan(-floor, floor, color="0.87", lw=0, zorder=0, label="noise floor")
+    if floor is not None:
+        axes.axhspan(-floor, floor, color="0.87", lw=0, zorder=0, label="noise floor")
     axes.axhline(0, color="black", lw=0.4, zorder=0)
     for k, (text, where) in enumerate((("forward", forward), ("backward", ~forward))):
         if where.sum() > 10:
@@ -592,6 +674,10 @@ def signature(dataset, before, after, key):
     before, after : (Model, Fit)
     key : (str, str)
         Effect and place.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     missing = _missing_torque(dataset, before, after, key)
     residual, index = residual_of(dataset, *before, part="fit")
@@ -695,7 +781,17 @@ def _partial(axes, x, missing):
 
 @_styled
 def ladder(improvement, dataset):
-    """Error at every step of the search, on the fitted and on the held-out passes; dotted: the noise floor."""
+    """Error at every step of the search, on the fitted and on the held-out passes; dotted: the noise floor.
+
+    Parameters
+    ----------
+    improvement : Improvement
+    dataset : Dataset
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     steps, floor = improvement.steps, improvement.last.noise_floor
     figure = Figure(figsize=(COLUMN if len(steps) < 4 else 0.75 * PAGE, 2.3))
     axes = figure.subplots()
@@ -707,14 +803,17 @@ def ladder(improvement, dataset):
                 axes.plot(at + 0.06 * (c - 0.5) * (len(dataset.channels) > 1), values, color=TONES[c], ls=LINES[k],
                           marker=MARKERS[c], mfc=(TONES[c], "white")[k], zorder=3 - k, ms=(3.5, 5.5)[k],
                           label=f"{_symbol(dataset, channel)} {text}")
-        axes.axhline(floor[channel], color=TONES[c], ls=":", lw=1.0, label=f"{_symbol(dataset, channel)} noise floor")
+        if np.isfinite(floor[channel]):
+            axes.axhline(floor[channel], color=TONES[c], ls=":", lw=1.0,
+                         label=f"{_symbol(dataset, channel)} noise floor")
     names = ["base"] + [f"+ {s.added[0].replace('_', ' ')}\nat {s.added[1]}" for s in steps[1:]]
     axes.set_xticks(at, names, fontsize=6.5)
     axes.set_xlim(-0.4, len(steps) - 0.6)
     axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
     axes.set_xlabel("Model [-]")
     axes.set_ylabel(f"RMSE [{_units(dataset)}]")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=len(dataset.channels),
+    count = len(dataset.channels)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=count if count > 1 else 3,
                   columnspacing=1.5)
     return figure
 
@@ -724,6 +823,16 @@ def candidates(diagnosis, most=10):
     """The candidates that promise the largest fall of the error, and their family-wise p-values.
 
     Dark: accepted; hatched: not to be told from it on these data.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    most : int
+        Candidates to show.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     falls = {f.key: _fall(diagnosis.error, f.predicted_error) for f in diagnosis.candidates}
     shown = sorted(diagnosis.candidates, key=lambda f: (-f.accepted, -falls[f.key]))[:most]
@@ -759,7 +868,16 @@ def _p(value):
 
 @_styled
 def save(figure, folder, name):
-    """Write a figure as PDF, and as PNG for a quick look."""
+    """Write a figure as PDF, and as PNG for a quick look.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    folder : Path
+        Made where it is missing.
+    name : str
+        Of the files, without ending.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
     figure.set_layout_engine("none")  # laid out already
@@ -779,7 +897,7 @@ def write_comparison(folder, dataset, model, fit, other=None):
         A second model to draw over time.
     """
     folder = folder / "figures"
-    floor = noise_floor(dataset, model, fit)
+    floor = _floor(dataset, model, fit)
     if _has_plane(dataset):
         save(manoeuvres(dataset), folder, "manoeuvres")
     if not dataset.averaged:
@@ -807,4 +925,5 @@ def write_figures(folder, dataset, improvement):
         for before, after in zip(improvement.steps, improvement.steps[1:]):
             name = "signature" if len(improvement.steps) == 2 else f"signature_{after.added[0]}_{after.added[1]}"
             save(signature(dataset, (before.model, before.fit), (after.model, after.fit), after.added), folder, name)
-        save(residuals(dataset, last.model, last.fit, improvement.last.noise_floor), folder, "residuals_after")
+        floor = _floor(dataset, last.model, last.fit)
+        save(residuals(dataset, last.model, last.fit, floor), folder, "residuals_after")

@@ -1,4 +1,4 @@
-"""A data set and a base model in; effects added one by one until nothing is left to learn, and the ladder of errors, out."""
+"""A data set and a base model in; effects added until nothing is left to learn, and the ladder of errors, out."""
 
 from __future__ import annotations
 
@@ -50,7 +50,20 @@ class Improvement:
 
 
 def step_of(dataset, model, fit, added=None):
-    """Errors of a fitted model on the fit part and on the held-out part."""
+    """Errors of a fitted model on the fit part and on the held-out part.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    added : (str, str), optional
+        Effect and place that came with this step.
+
+    Returns
+    -------
+    Step
+    """
     held_out = compare.errors(dataset, model, fit, "test") if dataset.is_test.any() else {}
     return Step(added, model, fit, compare.errors(dataset, model, fit, "fit"), held_out)
 

@@ -146,6 +146,28 @@ def require(log, names):
         raise DataError(f"{log.path}: no column '{column}', which holds '{name}'{closest(column, log.header)}")
 
 
+def require_alike(logs, names):
+    """Refuse logs of which some lack what others hold: the model cannot be compared with half of a reference.
+
+    Parameters
+    ----------
+    logs : list of Log
+    names : iterable of str
+        Variables of the rig.
+
+    Raises
+    ------
+    DataError
+        Names the first log that lacks one.
+    """
+    for name in names:
+        lacking = [log for log in logs if name not in log.signals]
+        if lacking and len(lacking) < len(logs):
+            other = next(log for log in logs if name in log.signals)
+            raise DataError(f"{lacking[0].path}: no column '{lacking[0].columns[name]}', which {other.name} has; "
+                            "fit logs with and without it in two studies, or take the column out of [columns]")
+
+
 # --- checks ---------------------------------------------------------------------------------------------------------
 
 
@@ -183,10 +205,11 @@ def _refuse_missing(path, table, names, drop_outs):
     missing = np.logical_or.reduce(list(bad.values()))
     dropped = sorted(table.dropped)
     if missing.any():
-        name, mask = next((n, m) for n, m in bad.items() if m.any())
         if drop_outs != "skip":
-            raise DataError(f"{path}, row {_span(table.rows[mask])}: column '{name}' is empty, NaN or infinite; repair "
-                            'the log, or leave such rows out with [data] drop_outs = "skip"')
+            (name, rows), *others = [(n, _span(table.rows[mask])) for n, mask in bad.items() if mask.any()]
+            also = "; so is " + ", ".join(f"'{n}' in row {r}" for n, r in others) if others else ""
+            raise DataError(f"{path}, row {rows}: column '{name}' is empty, NaN or infinite{also}; "
+                            'repair the log, or leave such rows out with [data] drop_outs = "skip"')
         dropped = sorted(dropped + ranges(table.rows[missing]))
         table.columns = {n: c[~missing] for n, c in table.columns.items()}
         table.rows = table.rows[~missing]

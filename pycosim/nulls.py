@@ -26,7 +26,19 @@ _SLOPE = 1e-6
 
 
 def number(value, nominal=0.0):
-    """A value to three digits, as a person reads it; 0 when it is nothing against its nominal size."""
+    """A value to three digits, as a person reads it.
+
+    Parameters
+    ----------
+    value : float
+    nominal : float
+        Usual size of the quantity.
+
+    Returns
+    -------
+    str
+        ``0`` when the value is nothing against its nominal size.
+    """
     return "0" if abs(value) <= 1e-5 * nominal else f"{value:.3g}"
 
 
@@ -61,6 +73,10 @@ def null_directions(fit, owners=None):
 
 def weak_directions(fit):
     """Pairs that the data determine, but hardly one without the other.
+
+    Parameters
+    ----------
+    fit : Fit
 
     Returns
     -------

@@ -6,12 +6,15 @@ import json
 import math
 import os
 import shutil
+import signal
+import threading
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from .compare import worded
 from .compile import Place, component_name, find_effect
 from .compile.effects import annotation
 from .errors import PycosimError
@@ -30,7 +33,16 @@ class FolderError(PycosimError):
 
 
 def plain(value):
-    """A value as JSON knows it: NumPy's types unwrapped, NaN and infinities to None."""
+    """A value as JSON knows it: NumPy's types unwrapped, NaN and infinities to None.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    dict, list, str, bool, int, float or None
+    """
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):
@@ -47,7 +59,16 @@ def plain(value):
 
 
 def to_json(value):
-    """JSON text of a result; never NaN or infinity."""
+    """JSON text of a result; never NaN or infinity.
+
+    Parameters
+    ----------
+    value : dict
+
+    Returns
+    -------
+    str
+    """
     return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -112,7 +133,18 @@ def _candidate(c, library):
 
 
 def ladder(steps, dataset):
-    """``ladder.json``: errors of the base model, then with every effect added."""
+    """``ladder.json``: errors of the base model, then with every effect added.
+
+    Parameters
+    ----------
+    steps : list of Step
+        Of an `Improvement`.
+    dataset : Dataset
+
+    Returns
+    -------
+    dict
+    """
     return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "steps": [
         {"added": None if s.added is None else {"effect": s.added[0], "place": s.added[1]},
          "error": s.error, "held_out_error": s.held_out_error} for s in steps]})
@@ -120,6 +152,12 @@ def ladder(steps, dataset):
 
 def improved_study(study, model, fit):
     """The study with a model's effects, and the fitted values to start from.
+
+    Parameters
+    ----------
+    study : Study
+    model : Model
+    fit : Fit
 
     Returns
     -------
@@ -137,8 +175,20 @@ def improved_study(study, model, fit):
 
 
 def errors_text(error):
-    """``C_H 0.138 N.m, C_K 0.141 N.m``, for a dict of channel to error."""
-    return ", ".join(f"{c} {number(v)}{_unit(_unit_of(c))}" for c, v in error.items()) or "none"
+    """Errors in words.
+
+    Parameters
+    ----------
+    error : dict of str to float
+        By channel; None or NaN where it is not known.
+
+    Returns
+    -------
+    str
+        As ``C_H 0.138 N.m, C_K 0.141 N.m``.
+    """
+    known = {c: v for c, v in error.items() if v is not None and math.isfinite(v)}
+    return ", ".join(f"{c} {number(v)}{_unit(_unit_of(c))}" for c, v in known.items()) or "unknown"
 
 
 def _unit_of(channel):
@@ -170,12 +220,22 @@ def _joined(names):
 
 
 def summary_data(dataset):
-    """What was used of the logs, in one or two lines."""
+    """What was used of the logs.
+
+    Parameters
+    ----------
+    dataset : Dataset
+
+    Returns
+    -------
+    list of str
+    """
     moving, held = int(dataset.moving.sum()), int(dataset.is_test.sum())
     runs = f"{len(dataset.logs)} {'run' if len(dataset.logs) == 1 else 'runs'}"
-    lines = [f"{dataset.study.rig}: {runs}, {len(dataset.time)} samples, {moving} of them moving "
-             f"(every segment above {number(dataset.w_min)} rad/s); {held} of {len(dataset.blocks)} passes out and back "
-             "held out."]
+    samples = "the mean of each is a sample" if dataset.averaged else f"{len(dataset.time)} samples"
+    blocks = "means" if dataset.averaged else "passes out and back"
+    lines = [f"{dataset.study.rig}: {runs}, {samples}, {moving} of them moving "
+             f"(every segment above {number(dataset.w_min)} rad/s); {held} of {len(dataset.blocks)} {blocks} held out."]
     for log in dataset.logs:
         if log.dropped:
             rows = sum(b - a + 1 for a, b in log.dropped)
@@ -183,6 +243,31 @@ def summary_data(dataset):
     if dataset.paired:
         lines.append("No torque reference: errors are half the difference between a pass out and its way back.")
     return lines
+
+
+def summary_doubt(dataset, fit):
+    """Whether a slip in the study or the log is likelier than a missing effect.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    fit : Fit
+        Of the base model.
+
+    Returns
+    -------
+    list of str
+        One line, or none.
+    """
+    if dataset.paired or dataset.averaged:
+        return []
+    view = dataset.view("fit")
+    share = {c: fit.error[c] / max(np.std(dataset.measured[c][view]), 1e-300)
+             for c in dataset.channels if c in dataset.measured}
+    if not share or np.mean(np.square(list(share.values()))) < 1.0:
+        return []
+    return [f"Doubtful: the fitted model misses {_joined(share)} by more than a constant would; check units, signs, "
+            "zeros and the order of the columns before believing what follows."]
 
 
 def summary_parameters(result):
@@ -370,7 +455,19 @@ def _step(before, step, first, parameters, library):
 
 
 def summary_comparison(result, most=3):
-    """Errors, and the groups of samples where they are largest."""
+    """Errors, and the groups of samples where they are largest.
+
+    Parameters
+    ----------
+    result : dict
+        ``comparison.json``.
+    most : int
+        Groups to name for each channel.
+
+    Returns
+    -------
+    list of str
+    """
     lines = [f"Error: {errors_text(result['error'])} (RMSE of moving samples, all passes)."]
     if result.get("error_as_given"):
         lines.append(f"With the study's own values, nothing fitted: {errors_text(result['error_as_given'])}.")
@@ -384,9 +481,14 @@ def summary_comparison(result, most=3):
         worst = sorted(spread, reverse=True)[:most]
         if worst:
             lines.append(f"{channel} is worst where " + "; ".join(
-                f"{name} is {label} ({number(value)}{_unit(_unit_of(channel))})" for _, name, label, value in worst)
-                + ".")
+                f"{_article(name)}{worded(name)} is {label}{_unit(result['units'].get(name, ''))} "
+                f"({number(value)}{_unit(_unit_of(channel))})" for _, name, label, value in worst) + ".")
     return lines
+
+
+def _article(name):
+    """The names of columns stand without one."""
+    return "" if worded(name) == name else "the "
 
 
 # --- the folder -----------------------------------------------------------------------------------------------------
@@ -435,8 +537,8 @@ class Folder:
             return {str(v): list(map(str, f)) for v, f in json.loads(marker.read_text()).items()}
         except FileNotFoundError:
             if any(self.path.iterdir()):
-                raise FolderError(f"{self.path}: holds files that are not results of pycosim; empty it, or name another "
-                                  "folder with --out DIR") from None
+                raise FolderError(f"{self.path}: holds files that are not results of pycosim; empty it, or name "
+                                  "another folder with --out DIR") from None
             return {}
         except (OSError, ValueError, AttributeError, TypeError):
             raise FolderError(f"{self.path}: its {MARKER} cannot be read; name another folder with --out DIR") from None
@@ -457,19 +559,45 @@ class Folder:
             raise FolderError(f"{self.path}: cannot be written ({error.strerror}: {folder}); "
                               "name another folder with --out DIR") from None
 
+    @property
+    def listed(self):
+        """What the verb left, in words: its files, then its folders."""
+        folders = dict.fromkeys(f"{name.split('/')[0]}/" for name in self.files if "/" in name)
+        return ", ".join([*(name for name in self.files if "/" not in name), *folders])
+
     def file(self, name):
-        """Path to write a file of this name to."""
+        """Where to write a file, until the folder is whole.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        Path
+        """
         return self.temporary / name
 
     def write(self, name, content):
-        """Write text, or a JSON result."""
+        """Write one file.
+
+        Parameters
+        ----------
+        name : str
+        content : str or dict
+            Text, or a result for JSON.
+
+        Raises
+        ------
+        FolderError
+        """
         with _folder_errors(self.path):
             self.file(name).write_text(content if isinstance(content, str) else to_json(content), encoding="utf-8")
 
     def __exit__(self, kind, error, trace):
         if kind is None:
             try:
-                with _folder_errors(self.path):
+                with _folder_errors(self.path), _uninterrupted():
                     self._put()
                 return
             except BaseException:
@@ -509,6 +637,19 @@ class Folder:
                 os.replace(backup, self.path)
             raise
         shutil.rmtree(backup, ignore_errors=True)
+
+
+@contextmanager
+def _uninterrupted():
+    """Control-C comes too late: between two renames it would leave the earlier results under another name."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # no other thread is ever interrupted
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -267,11 +267,29 @@ class Blocks:
         return len(self.run)
 
     def samples(self, mask):
-        """Samples (n,) of the blocks in a mask (b,)."""
+        """Samples of some blocks.
+
+        Parameters
+        ----------
+        mask : ndarray of bool, shape (b,)
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
         return np.append(np.asarray(mask, dtype=bool), False)[self.index]
 
     def take(self, mask):
-        """Only the blocks of a mask (b,); their samples are numbered anew."""
+        """Only some blocks; their samples are numbered anew.
+
+        Parameters
+        ----------
+        mask : ndarray of bool, shape (b,)
+
+        Returns
+        -------
+        Blocks
+        """
         mask = np.asarray(mask, dtype=bool)
         number = np.append(np.where(mask, np.cumsum(mask) - 1, -1), -1)
         parts = {k: getattr(self, k)[mask] for k in ("run", "line", "speed", "repeat", "t0", "t1")}
@@ -470,7 +488,17 @@ class Pairs:
     weight: np.ndarray
 
     def at(self, values):
-        """Values (.., n) at the crossings: of the earlier pass, and interpolated on the later, each (.., p)."""
+        """Values at the crossings.
+
+        Parameters
+        ----------
+        values : ndarray, shape (.., n)
+
+        Returns
+        -------
+        earlier, later : ndarray, shape (.., p)
+            Of the earlier pass, and interpolated on the later.
+        """
         return values[..., self.i], values[..., self.j0] * (1 - self.weight) + values[..., self.j1] * self.weight
 
 

@@ -79,7 +79,17 @@ class Column:
         return "N.m" if self.k_m is not None else _unit(self.unit)[0]
 
     def si(self, values):
-        """Readings (n,) to SI (n,): zero taken off, unit converted, current made a torque."""
+        """Readings to SI: zero taken off, unit converted, current made a torque.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            In the column's unit.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
         return (values - self.zero) * (_unit(self.unit)[1] * (1.0 if self.k_m is None else self.k_m))
 
 
@@ -114,7 +124,7 @@ class Study:
     average : str or None
         ``file``: one file is one sample, its mean.
     reader : str or None
-        Format of the logs when it is neither CSV nor Parquet.
+        Format of the logs when their ending does not say it.
     """
 
     path: Path
@@ -215,6 +225,9 @@ def _check_parameter(study, name, setting, known):
     if not low <= value <= high:
         raise BoundsError(f"{study.path}: '{name}' has the rig's default {value:g} {parameter.unit}, outside the "
                           f"study's bounds {low:g} to {high:g} {parameter.unit}; give a value within them")
+    if setting.fixed is False and max(low, parameter.min) == min(high, parameter.max):
+        raise BoundsError(f"{study.path}: '{name}' is to be fitted, but its bounds leave {value:g} {parameter.unit} "
+                          "alone; write fixed = true, or wider bounds")
 
 
 def _check_column(study, name, column, known):
@@ -343,12 +356,15 @@ def _data(source, tables):
     w_min = source.take(both, "w_min", float, where)
     if w_min is not None and w_min <= 0:
         raise source.error(where, f"w_min = {w_min:g} rad/s must be above zero", "w_min")
+    seed = source.take(both, "seed", int, where, 0)
+    if seed < 0:
+        raise source.error(where, f"seed = {seed} must not be negative", "seed")
     runs, held_out = (_paths(source, table, key, where) for key in ("runs", "held_out"))
     fitted = [path for path in runs if path not in held_out]  # held_out may pick among runs
     if runs and not fitted:
         raise source.error(where, f"every log, {runs[0].name} first, is in runs and in held_out, so nothing is left to "
                            "fit; hold fewer out", "held_out")
-    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=source.take(both, "seed", int, where, 0),
+    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=seed,
                 reference=source.choice(table, "reference", REFERENCES, where, "unknown"),
                 labels=source.take(table, "label", str, where, "manoeuvre"),
                 time_column=source.take(table, "time_column", str, where, "time"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from .errors import UnknownNameError, closest
 
-# unit: (dimension, factor to SI, offset). Facts of the SI brochure; degC is kept as it is, since only differences enter.
+# unit: (dimension, factor to SI). Facts of the SI brochure; degC is kept as it is, since only differences enter.
 _UNITS = {
     "1": ("1", 1.0), "-": ("1", 1.0), "%": ("1", 0.01),
     "s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9), "min": ("s", 60.0),
@@ -50,8 +50,8 @@ def to_si(unit, expected, where):
     dimension, factor = _UNITS[name]
     if dimension != expected:
         fitting = [u for u, (d, _) in _UNITS.items() if d == expected]
-        raise UnknownNameError(
-            f"{where}: unit '{unit}' does not fit a quantity in {expected}; use one of {', '.join(fitting) or expected}")
+        raise UnknownNameError(f"{where}: unit '{unit}' does not fit a quantity in {expected}; "
+                               f"use one of {', '.join(fitting) or expected}")
     return factor
 
 

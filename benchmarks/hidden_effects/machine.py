@@ -1,8 +1,8 @@
 """In: a motion, friction parameters, hidden effects. Out: the log of a hip-knee rig, as its own drives would write it.
 
 Independent of pycosim on purpose (another formulation, another solver, another integrator), so that a slip in the
-package cannot hide itself. The segment law is the direct/reverse table of the paper where the friction is saturated, and
-a bracketed root search on the mean load elsewhere; friction states follow the travelled angle, not time. Motion is
+package cannot hide itself. The segment law is the direct/reverse table of the paper where the friction is saturated,
+and a bracketed root search on the mean load elsewhere; friction states follow the travelled angle, not time. Motion is
 prescribed and torques come out backwards: joints -> stages B -> stages A -> motors -> what the drives report.
 
 Units: rad, rad/s, N.m, s, kg, K; everything on the motor side unless it is called a joint (q, C).

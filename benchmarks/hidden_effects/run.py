@@ -1,6 +1,7 @@
 """Hide effects in independently generated logs, run `improve` on them, and tabulate what it found.
 
-    python -m benchmarks.hidden_effects.run [--sizes 1.3 1.7 2.4] [--effects viscous ...] [--seeds 1] [--none 20] [--bump 5]
+    python -m benchmarks.hidden_effects.run [--sizes 1.3 1.7 2.4] [--effects viscous ...] [--seeds 1] [--none 20]
+                                            [--bump 5]
 """
 
 from __future__ import annotations
@@ -128,7 +129,8 @@ def coefficients(finding, hidden):
 
 def jobs(args):
     """Cases of a run."""
-    found = [(e, s, seed) for e in args.effects for s in args.sizes for seed in range(args.first, args.first + args.seeds)]
+    seeds = range(args.first, args.first + args.seeds)
+    found = [(e, s, seed) for e in args.effects for s in args.sizes for seed in seeds]
     found += [("none", 1.0, args.first + k) for k in range(args.none)]
     return found + [("bump", 1.7, args.first + k) for k in range(args.bump)]
 

@@ -89,7 +89,7 @@ def report(rows):
     for k, name in enumerate(PAPER_ERRORS):
         e = {c: np.mean([r["errors"][k][c] for r in rows]) for c in ("C_H", "C_K")}
         span = {c: np.mean([r["ranges"][c] for r in rows]) for c in ("C_H", "C_K")}
-        ours = f"{e['C_H']:.2f} N.m {100 * e['C_H'] / span['C_H']:.1f} %  {e['C_K']:.2f} N.m {100 * e['C_K'] / span['C_K']:.1f} %"
+        ours = "  ".join(f"{e[c]:.2f} N.m {100 * e[c] / span[c]:.1f} %" for c in ("C_H", "C_K"))
         paper = "{:.2f} N.m {:.1f} %  {:.2f} N.m {:.1f} %".format(*PAPER_ERRORS[name])
         print(f"{name:24s} here: {ours}   paper: {paper}")
     print("(here the error holds torque noise alone; the paper's 0.36 and 0.38 N.m hold the error of the model too)")

@@ -61,7 +61,8 @@ def show(result, scale, channel):
     """Print a ladder; returns the fall of the held-out error."""
     for step in result.steps:
         name = "base" if step.added is None else "@".join(step.added)
-        print(f"  {name:32s} fit {scale * step.error[channel]:.3f}  held out {scale * step.held_out_error[channel]:.3f}")
+        fitted, held_out = (scale * e[channel] for e in (step.error, step.held_out_error))
+        print(f"  {name:32s} fit {fitted:.3f}  held out {held_out:.3f}")
     twins = result.first.winner.twins if result.first.winner else []
     print(f"  verdict {result.first.verdict}, then {result.last.verdict}; twins of the first: "
           f"{', '.join(t['effect'] + '@' + t['place'] for t in twins) or 'none'}")

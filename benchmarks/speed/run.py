@@ -75,7 +75,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", nargs="*", type=int, default=[10000, 86000, 100000, 1000000])
     args = parser.parse_args()
-    print(f"{'samples':>9s} {'scipy s':>9s} {'fit s':>9s} {'ratio':>7s} {'diagnosis s':>12s} {'to scipy':>9s} {'peak MiB':>9s}")
+    print(f"{'samples':>9s} {'scipy s':>9s} {'fit s':>9s} {'ratio':>7s} "
+          f"{'diagnosis s':>12s} {'to scipy':>9s} {'peak MiB':>9s}")
     for samples in args.samples:
         with tempfile.TemporaryDirectory() as folder:
             dataset = data(samples, folder)
@@ -83,9 +84,11 @@ def main():
         fast, fit = least(lambda: identify.fit(dataset, dataset.base, part="all"))
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         ranking, _ = least(lambda: diagnose.diagnose(dataset, dataset.base, fit), 2)
-        print(f"{len(dataset.time):9d} {slow:9.2f} {fast:9.3f} {slow / fast:7.1f} {ranking:12.2f} {ranking / slow:9.2f} {memory:9.0f}")
-        print(f"{'':9s} largest difference of the two estimates, in standard errors: "
-              f"{np.max(np.abs(fit.values[[fit.free.index(n) for n in names()]] - reference) / fit.stderr[[fit.free.index(n) for n in names()]]):.2f}")
+        print(f"{len(dataset.time):9d} {slow:9.2f} {fast:9.3f} {slow / fast:7.1f} "
+              f"{ranking:12.2f} {ranking / slow:9.2f} {memory:9.0f}")
+        order = [fit.free.index(n) for n in names()]
+        apart = np.abs(fit.values[order] - reference) / fit.stderr[order]
+        print(f"{'':9s} largest difference of the two estimates, in standard errors: {apart.max():.2f}")
 
 
 def names():

@@ -20,7 +20,8 @@ _UNARY = {
 }
 _BINARY = {
     ca.OP_ADD: np.add, ca.OP_SUB: np.subtract, ca.OP_MUL: np.multiply, ca.OP_DIV: np.divide, ca.OP_POW: np.power,
-    ca.OP_CONSTPOW: np.power, ca.OP_FMIN: np.minimum, ca.OP_FMAX: np.maximum, ca.OP_LT: np.less, ca.OP_LE: np.less_equal,
+    ca.OP_CONSTPOW: np.power, ca.OP_FMIN: np.minimum, ca.OP_FMAX: np.maximum, ca.OP_LT: np.less,
+    ca.OP_LE: np.less_equal,
     ca.OP_EQ: np.equal, ca.OP_NE: np.not_equal, ca.OP_AND: np.logical_and, ca.OP_OR: np.logical_or,
     ca.OP_ATAN2: np.arctan2, ca.OP_HYPOT: np.hypot, ca.OP_COPYSIGN: np.copysign, ca.OP_FMOD: np.fmod,
 }

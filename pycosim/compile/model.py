@@ -176,7 +176,8 @@ class Model:
             wanted, _, known = form.partition(" from ")
             forms.append((wanted.split(), known.split()))
         if not forms:
-            raise StudyError(f"{self.rig} does not say how to {name}; add {name}=\"outputs from inputs\" to its annotation")
+            raise StudyError(f"{self.rig} does not say how to {name}; "
+                             f"add {name}=\"outputs from inputs\" to its annotation")
         return forms
 
     def question(self, name, form=0):

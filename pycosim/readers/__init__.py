@@ -11,7 +11,8 @@ import numpy as np
 from ..errors import DataError, StudyError, closest
 
 # name in `[data] reader`, or ending of the file: module with `read(path, wanted, text) -> Table`
-READERS = {"bam": "bam", "epos": "epos", ".csv": "comma", ".parquet": "parquet", ".pq": "parquet"}
+READERS = {"bam": "bam", "epos": "epos", ".csv": "comma", ".parquet": "parquet", ".pq": "parquet", ".mat": "matlab",
+           ".mcap": "mcap", ".mf4": "mdf", ".mdf": "mdf"}
 
 
 @dataclass
@@ -65,13 +66,18 @@ def read_table(path, name, wanted, text):
     if key not in READERS:
         if name:
             raise StudyError(f"no reader '{name}'{closest(name, [r for r in READERS if r[0] != '.'])}")
-        raise DataError(f"{path}: cannot tell the format from the ending '{path.suffix}'; "
-                        "use .csv or .parquet, or set [data] reader")
+        raise DataError(f"{path}: cannot tell the format from the ending '{path.suffix}'; use "
+                        f"{', '.join(r for r in READERS if r[0] == '.')}, or set [data] reader")
     return importlib.import_module(f".{READERS[key]}", __package__).read(path, wanted, text)
 
 
 def refuse_no_file(path):
-    """Raise DataError for what is not a file with something in it."""
+    """Raise DataError for what is not a file with something in it.
+
+    Parameters
+    ----------
+    path : Path
+    """
     if path.is_dir():
         raise DataError(f"{path}: is a folder; name the files in it")
     if not path.exists():
@@ -107,8 +113,105 @@ def read_text(path, encoding="utf-8-sig"):
         raise DataError(f"{path}, row {row}: is not UTF-8 text; save the file as UTF-8, or set [data] reader") from None
 
 
+def optional(path, package, module, kind, extra):
+    """A module that only one format needs.
+
+    Parameters
+    ----------
+    path : Path
+        File that asks for it.
+    package, module : str
+        What to install, and what to import of it.
+    kind, extra : str
+        Name of the format, and the extra of this project that brings the package.
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    DataError
+        It is not installed.
+    """
+    try:
+        importlib.import_module(package)
+        return importlib.import_module(module)
+    except ImportError:
+        raise DataError(f"{path}: {kind} files need {package}; "
+                        f"pip install 'pycosim-drivetrain[{extra}]'") from None
+
+
+def numbers(path, name, values):
+    """A column as floats.
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        Column.
+    values : array_like, shape (n,)
+        NaN or None where nothing was recorded.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    DataError
+        Some of it is no number.
+    """
+    values = np.asarray(values)
+    if values.ndim != 1:
+        shape = " x ".join(map(str, values.shape)) or "a single value"
+        raise DataError(f"{path}, column '{name}': holds {shape}, not one number a sample")
+    if values.dtype.kind in "iuf":
+        return values.astype(float)
+    for k, value in enumerate(values.tolist(), 1):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float))):
+            raise DataError(f"{path}, column '{name}': holds '{str(value)[:40]}' in sample {k}, not a number")
+    return np.array([np.nan if v is None else v for v in values.tolist()], dtype=float)
+
+
+def one_clock(path, times):
+    """The time of columns that were all sampled together.
+
+    Parameters
+    ----------
+    path : Path
+    times : dict of str to ndarray
+        Time [s] of each column's samples.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    DataError
+        Two columns have clocks of their own: to interpolate between them is for who knows the signals.
+    """
+    (first, time), *others = times.items()
+    for name, other in others:
+        if len(other) != len(time) or not np.array_equal(other, time):
+            raise DataError(f"{path}: columns '{first}' and '{name}' were not sampled at the same times ({len(time)} "
+                            f"and {len(other)} samples); bring them to one clock, or map columns that share one")
+    return time
+
+
 def ranges(rows):
-    """Sorted row numbers as a list of (first, last) stretches."""
+    """Sorted row numbers as stretches.
+
+    Parameters
+    ----------
+    rows : sequence of int
+
+    Returns
+    -------
+    list of (int, int)
+        First and last row of each.
+    """
     rows = np.asarray(rows, dtype=int)
     if not rows.size:
         return []

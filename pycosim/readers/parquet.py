@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from ..errors import DataError
-from . import Table
+from . import Table, optional
 
 
 def read(path, wanted, text):
@@ -17,10 +17,7 @@ def read(path, wanted, text):
     DataError
         pyarrow is not installed, the file is not Parquet, a column is not numeric, or there are no rows.
     """
-    try:
-        from pyarrow import parquet
-    except ImportError:
-        raise DataError(f"{path}: Parquet files need pyarrow; pip install 'pycosim-drivetrain[parquet]'") from None
+    parquet = optional(path, "pyarrow", "pyarrow.parquet", "Parquet", "parquet")
     try:
         with parquet.ParquetFile(path) as file:
             header = list(file.schema_arrow.names)

@@ -1,4 +1,4 @@
-"""Effects hidden by an independent simulator are found again; the full tables are made by `benchmarks.hidden_effects`."""
+"""Effects hidden by an independent simulator are found again; `benchmarks.hidden_effects` makes the full tables."""
 
 import pytest
 

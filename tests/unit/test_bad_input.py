@@ -130,23 +130,33 @@ def test_a_log_that_is_not_there_is_refused(here, capsys):
     refused(here, capsys, "is listed twice", data=("log.csv", "log.csv"))
 
 
+def test_logs_with_and_without_a_reference_are_not_mixed(whole, here, capsys):
+    (here / "study.toml").write_text(STUDY)
+    whole.to_csv(here / "with.csv", index=False)
+    whole.drop(columns=["C_H", "C_K"]).to_csv(here / "without.csv", index=False)
+    refused(here, capsys, "without.csv: no column 'C_H', which with.csv has", data=("with.csv", "without.csv"))
+
+
 EFFECT = '\n[[effects]]\neffect = "{}"\nplace = "{}"\n'
 STUDIES = {
     "not TOML": (lambda t: t.replace("[rig]", "[rig"), "not valid TOML"),
     "no rig": (lambda t: t.replace("[rig]", "[data2]", 1), "unknown table 'data2'"),
     "an unknown rig": (lambda t: t.replace("Rigs.HipKnee", "Rigs.HipKne"),
                        "no Modelica class 'DriveTrain.Rigs.HipKne'; closest: 'DriveTrain.Rigs.HipKnee'"),
-    "a class that is no rig": (lambda t: t.replace("Rigs.HipKnee", "Components.Segment"), "in DriveTrain.Components.Segment"),
+    "a class that is no rig": (lambda t: t.replace("Rigs.HipKnee", "Components.Segment"),
+                               "in DriveTrain.Components.Segment"),
     "an unknown key": (lambda t: t.replace("held_out", "heldout"), "unknown key 'heldout'; closest: 'held_out'"),
     "an unknown parameter": (lambda t: t.replace('"s1A.f0"', '"s1A.fo"'), "no parameter 's1A.fo'"),
     "an unknown variable": (lambda t: t.replace('"motor1.tau"', '"motor1.taw"'), "no variable 'motor1.taw'"),
     "an unknown unit": (lambda t: t.replace('"N.m" }', '"N.mm" }', 1), "unknown unit 'N.mm'"),
     "a unit that does not fit": (lambda t: t.replace('"motor1.tau", unit = "N.m"', '"motor1.tau", unit = "rad"'),
                                  "unit 'rad' does not fit a quantity in N.m"),
-    "a value outside its bounds": (lambda t: t.replace("value = 0.05, min = 0.0, max = 1.0", "value = 2.0, max = 3.0", 1),
-                                   "outside the bounds of the rig"),
+    "a value outside its bounds": (lambda t: t.replace("value = 0.05, min = 0.0, max = 1.0",
+                                                       "value = 2.0, max = 3.0", 1), "outside the bounds of the rig"),
     "a value outside its own bounds": (lambda t: t.replace("value = 0.05", "value = 1.5", 1),
                                        "outside its own bounds"),
+    "bounds that leave nothing to fit": (lambda t: t.replace("min = 0.0, max = 1.0", "min = 0.05, max = 0.05", 1),
+                                         "is to be fitted, but its bounds leave 0.05 N.m alone"),
     "bounds upside down": (lambda t: t.replace("min = 0.0, max = 1.0", "min = 1.0, max = 0.0", 1), "is above max"),
     "an unknown effect": (lambda t: t + EFFECT.format("viscos", "1A"), "no effect 'viscos'; closest: 'viscous'"),
     "an unknown place": (lambda t: t + EFFECT.format("viscous", "3A"), "no place '3A' for 'viscous'"),
@@ -155,6 +165,8 @@ STUDIES = {
         "held_out = []", 'held_out = ["log.csv"]'), "is in runs and in held_out"),
     "a variable read twice": (lambda t: t.replace('"motor2.tau"', '"motor1.tau"'), "already read from column 'tau1'"),
     "an unknown reference": (lambda t: t.replace('"unknown"', '"senser"', 1), "reference = 'senser' is unknown"),
+    "a sensor that no log holds": (lambda t: t.replace('reference = "unknown"', 'reference = "sensor"').replace(
+        "C_H = {", "hip = {").replace("C_K = {", "knee = {"), 'reference = "sensor", but no log holds C_H, C_K'),
     "nothing free": (lambda t: t.replace("fixed = false", "fixed = true"), "no parameter is free"),
     "a Modelica file that is not there": (lambda t: t.replace("[rig]", '[rig]\nmodelica = ["my.mo"]'), "my.mo"),
 }
@@ -213,11 +225,31 @@ def test_drop_outs_are_refused_with_their_rows_or_left_out_when_the_study_says_s
     log.to_csv(here / "log.csv", index=False)
     (here / "study.toml").write_text(STUDY)
     refused(here, capsys, "row 102-104, 302: column 'tau1'")
+    both = log.copy()
+    both.loc[[7, 8], "theta2"] = np.inf
+    both.to_csv(here / "both.csv", index=False)
+    refused(here, capsys, "row 9-10: column 'theta2' is empty, NaN or infinite; so is 'tau1' in row 102-104, 302;",
+            data=("both.csv",))
     (here / "study.toml").write_text(STUDY.replace("[data]", '[data]\ndrop_outs = "skip"'))
     assert main(["compare", "study.toml", "--data", "log.csv"]) == 0
     assert "log.csv: 4 rows left out." in capsys.readouterr().out
     found = json.loads((here / "study_compare" / "comparison.json").read_text())
     assert found["samples"]["left_out_rows"] == {"log.csv": [[102, 104], [302, 302]]}
+
+
+@pytest.mark.parametrize("change", [
+    lambda f: f.rename(columns={"C_H": "C_K", "C_K": "C_H"}),
+    lambda f: edited(f, theta1=-f["theta1"]),
+    lambda f: edited(f, tau1=1e3 * f["tau1"]),
+], ids=["columns exchanged", "sign", "unit"])
+def test_a_slip_that_no_check_can_prove_is_doubted(change, whole, here, capsys):
+    (here / "study.toml").write_text(STUDY)
+    change(whole).to_csv(here / "log.csv", index=False)
+    assert main(["identify", "study.toml", "--data", "log.csv"]) == 0
+    assert "Doubtful: the fitted model misses C_H" in capsys.readouterr().out
+    whole.to_csv(here / "log.csv", index=False)
+    assert main(["identify", "study.toml", "--data", "log.csv"]) == 0
+    assert "Doubtful" not in capsys.readouterr().out
 
 
 # --- poor, but honest

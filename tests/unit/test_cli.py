@@ -3,17 +3,21 @@
 import json
 import math
 import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmarks.hidden_effects.machine import PAPER, Effect, measure, six_manoeuvres, write_csv
 from pycosim import cli, nulls, results
 from pycosim.cli import main
+from pycosim.compile import Library
 from pycosim.study import load_study
 
 ROOT = Path(__file__).parents[2]
@@ -135,6 +139,9 @@ def test_add_without_a_place_takes_the_best(log, here, capsys):
     found = read(here / "study_compare" / "comparison.json")
     check_comparison(found)
     assert math.isclose(found["error"]["C_H"], found["error_as_given"]["C_H"], rel_tol=1e-4)
+    told = capsys.readouterr().out
+    assert re.search(r"is worst where the \w+ \w* ?of \w+ is -?[\d.]+ to -?[\d.]+ (rad/s|N\.m) \(", told), told
+    assert told.splitlines()[-1] == "Results in study_compare: comparison.json, figures/"
 
 
 def test_add_at_a_place_says_when_the_data_do_not_ask_for_it(log, here, capsys):
@@ -160,6 +167,18 @@ def test_new_writes_a_study_that_loads_for_every_rig(rig, here, capsys):
     assert study.columns and any(s.fixed is False for s in study.parameters.values())
     before = path.read_text()
     assert main(["new", rig]) == 2 and path.read_text() == before  # never overwritten
+    # what stands in its comments holds too: parameters, columns and effects, all of them taken in at once
+    lines = [line.removeprefix("# ") for line in before.splitlines()]
+    settings = [line for line in lines if re.match(r'"[\w.]+" = \{ value = ', line)]
+    columns = [line for line in lines if re.match(r'"[\w.]+" = \{ variable = ', line) and '"current"' not in line]
+    effects = re.findall(r"^#   (\w+): .*; at (.*)$", before, re.M)
+    assert effects and all(places for _, places in effects)
+    chosen = "\n".join(f'[[effects]]\neffect = "{e}"\nplace = "{p.split(", ")[0]}"' for e, p in effects)
+    path.write_text("\n".join([f'[rig]\nmodel = "{study.rig}"', "[parameters]", *settings, "[columns]", *columns,
+                               chosen]))
+    model = load_study(path).validate(Library())
+    for name, setting in load_study(path).parameters.items():
+        assert math.isclose(setting.value, model.parameters[name].value), name  # the rig's defaults
 
 
 def test_new_takes_logs(log, here):
@@ -178,6 +197,22 @@ def test_help_is_quick_and_every_verb_has_an_example(capsys):
     assert told.stdout.endswith("set()\n")
     for missing in ("plan", "cosim", "report", "app"):
         assert f"  {missing} " not in told.stdout
+
+
+def test_the_whole_help_has_an_example_and_tells_how_to_complete(capsys):
+    run("--help")
+    told = capsys.readouterr().out
+    assert "example:\n  pycosim new" in told and "register-python-argcomplete pycosim" in told
+
+
+@pytest.mark.parametrize("line, wanted", [("pycosim imp", "improve"), ("pycosim diagnose --q", "--quiet"),
+                                          ("pycosim new Se", "ServoPendulum"), ("pycosim compare stu", "study.toml")])
+def test_a_shell_completes_verbs_options_rigs_and_files(line, wanted, here):
+    shutil.copy(STUDY, here / "study.toml")
+    asked = {**ENVIRONMENT, "_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(here / "answer"),
+             "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n"}
+    subprocess.run([sys.executable, "-m", "pycosim.cli"], env=asked, check=True, cwd=here)
+    assert [w.strip() for w in (here / "answer").read_text().split("\n")] == [wanted]
 
 
 def test_version(capsys):
@@ -199,6 +234,65 @@ def test_a_wrong_command_line_is_one_sentence(arguments, told, capsys, here):
     said = capsys.readouterr()
     assert told in said.err and said.err.count("\n") == 1 and said.out == ""
     assert not list(here.iterdir())
+
+
+# --- logs as users have them
+
+
+def with_columns(*lines):
+    """The example study with these lines instead of its columns."""
+    return STUDY.read_text().split("[columns]")[0] + "[columns]\n" + "\n".join(lines) + "\n"
+
+
+OTHER_UNITS = with_columns(
+    'time = { variable = "time", unit = "ms" }', 'theta1 = { variable = "motor1.phi", unit = "deg", zero = 30.0 }',
+    'theta2 = { variable = "motor2.phi", unit = "deg" }', 'omega1 = { variable = "motor1.w", unit = "rpm" }',
+    'I1 = { variable = "motor1.tau", unit = "A", k_m = 0.146 }',
+    'I2 = { variable = "motor2.tau", unit = "mA", k_m = 0.146 }',
+    'C_H = { variable = "C_H", unit = "N.m" }', 'C_K = { variable = "C_K", unit = "mN.m" }')
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_currents_degrees_and_milliseconds_give_the_same_parameters(ending, log, here):
+    si = pd.read_csv(log)
+    speed = np.gradient(si["theta1"], si["time"])
+    other = pd.DataFrame({
+        "time": 1e3 * si["time"], "theta1": np.degrees(si["theta1"]) + 30.0, "theta2": np.degrees(si["theta2"]),
+        "omega1": speed * 60 / (2 * np.pi), "I1": si["tau1"] / 0.146, "I2": 1e3 * si["tau2"] / 0.146,
+        "C_H": si["C_H"], "C_K": 1e3 * si["C_K"]})
+    other.to_csv(here / "other.csv", index=False)
+    other.to_parquet(here / "other.parquet")
+    si.assign(omega1=speed).drop(columns="manoeuvre").to_csv(here / "si.csv", index=False)
+    (here / "other.toml").write_text(OTHER_UNITS)
+    run("identify", STUDY, "--data", "si.csv", "--out", "one", "--quiet")
+    run("identify", "other.toml", "--data", f"other.{ending}", "--out", "two", "--quiet")
+    one, two = (read(here / n / "parameters.json")["parameters"] for n in ("one", "two"))
+    for name, p in one.items():
+        assert math.isclose(p["value"], two[name]["value"], rel_tol=1e-5, abs_tol=1e-7)
+
+
+def test_irregular_samples_and_drop_outs_give_nearly_the_same_parameters(log, here):
+    whole = pd.read_csv(log)
+    keep = np.random.default_rng(4).random(len(whole)) > 0.2
+    thinned = whole[keep].reset_index(drop=True)
+    thinned.loc[200:210, "tau2"] = np.nan
+    thinned.to_csv(here / "thinned.csv", index=False)
+    (here / "study.toml").write_text(STUDY.read_text().replace("[data]", '[data]\ndrop_outs = "skip"'))
+    run("add", STUDY, "viscous@1A", "--data", log, "--out", "whole", "--quiet")
+    run("add", "study.toml", "viscous@1A", "--data", "thinned.csv", "--quiet")
+    for name, p in read(here / "study_add" / "parameters.json")["parameters"].items():
+        low, high = read(here / "whole" / "parameters.json")["parameters"][name]["ci95"]
+        assert low - (high - low) <= p["value"] <= high + (high - low), name
+
+
+def test_the_held_out_run_is_the_one_the_study_names(log, here):
+    for k in (1, 2, 3):
+        shutil.copy(log, here / f"run{k}.csv")
+    (here / "study.toml").write_text(STUDY.read_text().replace("runs = []", 'runs = ["run*.csv"]').replace(
+        "held_out = []", 'held_out = ["run2.csv"]'))
+    run("compare", "study.toml", "--quiet")
+    by = read(here / "study_compare" / "comparison.json")["by"]
+    assert set(by["run"]) == {"run1.csv", "run2.csv", "run3.csv"} and by["part"]["test"] == by["run"]["run2.csv"]
 
 
 # --- the folder
@@ -247,6 +341,20 @@ def test_a_fault_of_ours_is_one_line_that_names_the_traceback(log, here, monkeyp
     report = Path(line.split()[-1])
     assert "Traceback" in report.read_text() and not list(here.iterdir())
     report.unlink()
+
+
+def test_an_interrupt_between_the_renames_comes_too_late(here, monkeypatch):
+    def interrupted(*names):
+        os.kill(os.getpid(), signal.SIGINT)
+        return rename(*names)
+    rename = os.replace
+    with results.Folder("out", "identify") as folder:
+        folder.write("parameters.json", {"a": 1})
+    with results.Folder("out", "identify") as folder:
+        folder.write("parameters.json", {"a": 2})
+        monkeypatch.setattr(results.os, "replace", interrupted)
+    assert read("out/parameters.json") == {"a": 2} and [p.name for p in here.iterdir()] == ["out"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_the_given_study_is_never_replaced(log, here, capsys):

@@ -8,6 +8,7 @@ import pytest
 from pycosim import demo, figures, identify, results
 from pycosim.compile import Library
 from pycosim.dataset import Dataset
+from pycosim.dependence import noise_floor
 from pycosim.diagnose import diagnose
 from pycosim.improve import Improvement, step_of
 from pycosim.study import load_study
@@ -100,6 +101,33 @@ def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
     for name in ("manoeuvres", "over_time", "where_it_fails", "residuals", "signature", "ladder", "candidates"):
         assert {f"{name}.pdf", f"{name}.png"} <= written
     assert all(p.stat().st_size > 5000 for p in (tmp_path / "figures").iterdir())
+
+
+def test_where_every_run_is_one_sample_no_noise_floor_is_drawn_or_told(tmp_path):
+    for k, speed in enumerate((-8.0, -4.0, -2.0, 2.0, 4.0, 8.0)):
+        torque = np.sign(speed) * 3e-3 + 5e-5 * speed + 1e-4
+        rows = [f"{t:g},{speed:g},{torque:.6g}" for t in np.arange(10) / 100]
+        (tmp_path / f"{k}.csv").write_text("\n".join(["time,velocity,torque", *rows]) + "\n")
+    (tmp_path / "study.toml").write_text(
+        '[rig]\nmodel = "DriveTrain.Rigs.ScrewDrive"\n[parameters]\n"screw.f0" = { fixed = false }\n'
+        '[data]\nruns = ["*.csv"]\nheld_out = ["1.csv"]\naverage = "file"\n[columns]\n'
+        'velocity = { variable = "motor.w", unit = "rad/s" }\ntorque = { variable = "tau", unit = "N.m" }\n')
+    means = Dataset(load_study(tmp_path / "study.toml"), Library())
+    fit = identify.fit(means, means.base)
+    floor = noise_floor(means, means.base, fit)
+    assert np.isnan(floor["tau"]) and results.errors_text(floor) == "unknown"
+    figures.write_comparison(tmp_path, means, means.base, fit)
+    bars = figures.where_it_fails(means, means.base, fit)
+    assert [t.get_text() for t in bars.axes[0].get_xticklabels()] == ["screw\nbackward", "screw\nforward"]
+    assert not bars.axes[0].get_lines() and "means held out" in results.summary_data(means)[0]
+
+
+def test_the_two_main_colours_differ_in_grey():
+    def lightness(colour):
+        channels = [int(colour[k:k + 2], 16) / 255 for k in (1, 3, 5)]
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+        return 116 * np.dot(linear, (0.2126, 0.7152, 0.0722)) ** (1 / 3) - 16
+    assert abs(lightness(figures.RED) - lightness(figures.BLUE)) > 20
 
 
 def test_drawing_leaves_the_users_settings_alone(dataset):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.io import savemat
 
 from pycosim.errors import DataError
 from pycosim.measurements import default_window, derivatives, load, read_log, require, resolution
@@ -201,6 +202,153 @@ def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(DataError, match="pip install"):
         read_log(tmp_path / "run.parquet", make_study(tmp_path))
+
+
+# --- MAT, MCAP and MDF
+
+
+def write_mat(source, path, **more):
+    savemat(path, {n: source[n].to_numpy() for n in source} | more)
+
+
+def write_mdf(source, path, times=None):
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF(version="4.10") as file:
+        for k, names in enumerate(times or [[n for n in source if n != "time"]]):
+            rows = source.iloc[::k + 1]
+            values = [rows[n].to_numpy() if rows[n].dtype.kind == "f" else rows[n].to_numpy(dtype="S") for n in names]
+            file.append([asammdf.Signal(v, rows["time"].to_numpy(), name=n, encoding="utf-8")
+                         for n, v in zip(names, values)])
+        file.save(path, overwrite=True)
+
+
+def write_mcap(source, path, topics=None, encoding="json", text=json.dumps):
+    writer = pytest.importorskip("mcap.writer")
+    with open(path, "wb") as stream:
+        file = writer.Writer(stream)
+        file.start()
+        schema = file.register_schema("any", "jsonschema", b"{}")
+        for k, (topic, names) in enumerate((topics or {"rig": [n for n in source if n != "time"]}).items()):
+            channel = file.register_channel(topic, encoding, schema)
+            for row in source.iloc[::k + 1].to_dict("records"):
+                at = round(row["time"] * 1e9) + 5 * 10**9
+                file.add_message(channel, at + 1000, text({n: row[n] for n in names}).encode(), at)
+        file.finish()
+
+
+WRITERS = {"mat": write_mat, "mf4": write_mdf, "mcap": write_mcap}
+
+
+def mapped(kind):
+    """The columns' names in a file of this kind."""
+    return {f"rig.{n}" if kind == "mcap" else n: c for n, c in COLUMNS.items()}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_every_format_gives_what_csv_gives(kind, tmp_path, read):
+    source = frame(manoeuvre=["A"] * 20 + ["rest"] * 20)
+    WRITERS[kind](source, tmp_path / f"run.{kind}")
+    label = "rig.manoeuvre" if kind == "mcap" else "manoeuvre"
+    wanted = read(source)
+    log = read_log(tmp_path / f"run.{kind}", make_study(tmp_path, columns=mapped(kind), labels=label))
+    for name, values in wanted.signals.items():
+        np.testing.assert_array_equal(log.signals[name], values)
+    np.testing.assert_allclose(log.time, wanted.time, atol=1e-9)
+    assert list(log.labels) == list(wanted.labels) and set(wanted.signals) == set(log.signals)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_broken_file_of_any_format_is_refused(kind, tmp_path):
+    path = tmp_path / f"run.{kind}"
+    study = make_study(tmp_path, columns=mapped(kind))
+    for content in (b"no such thing", frame().to_csv(index=False).encode(), bytes(500)):
+        path.write_bytes(content)
+        with pytest.raises(DataError, match=rf"run\.{kind}: is not an? (MAT|MDF|MCAP) file, or is") as caught:
+            read_log(path, study)
+        assert "\n" not in str(caught.value)
+    WRITERS[kind](frame(), path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:len(whole) // 2])
+    with pytest.raises(DataError):
+        read_log(path, study)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_file_of_other_columns_says_which_it_has(kind, tmp_path):
+    WRITERS[kind](frame()[["time", "tau1"]], tmp_path / f"run.{kind}")
+    other = make_study(tmp_path, columns={"elsewhere": Column("motor1.tau", "N.m")})
+    with pytest.raises(DataError, match="holds none of the study's columns elsewhere; it has .*tau1"):
+        read_log(tmp_path / f"run.{kind}", other)
+
+
+@pytest.mark.parametrize("kind, package", [("mf4", "asammdf"), ("mcap", "mcap")])
+def test_without_its_package_a_format_says_what_to_install(kind, package, tmp_path, monkeypatch):
+    (tmp_path / f"run.{kind}").write_bytes(b"any")
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(DataError, match=rf"need {package}; pip install 'pycosim-drivetrain\[(mdf|mcap)\]'"):
+        read_log(tmp_path / f"run.{kind}", make_study(tmp_path))
+
+
+@pytest.mark.parametrize("kind, apart", [("mf4", [["theta1"], ["tau1"]]), ("mcap", {"a": ["theta1"], "b": ["tau1"]})])
+def test_columns_of_two_clocks_are_not_mixed(kind, apart, tmp_path):
+    WRITERS[kind](frame(), tmp_path / f"run.{kind}", apart)
+    columns = {n: c for n, c in {**COLUMNS, "a.theta1": COLUMNS["theta1"], "b.tau1": COLUMNS["tau1"]}.items()
+               if ("." in n) == (kind == "mcap")}
+    with pytest.raises(DataError, match="were not sampled at the same times"):
+        read_log(tmp_path / f"run.{kind}", make_study(tmp_path, columns=columns))
+
+
+def test_a_mat_file_may_hold_structs_and_cells(tmp_path):
+    source = frame()
+    fields = {n: source[n].to_numpy()[:, None] for n in source}
+    savemat(tmp_path / "run.mat", {"log": {**fields, "label": np.array(["A"] * 40, dtype=object)}, "note": "any"})
+    columns = {f"log.{n}": c for n, c in COLUMNS.items()}
+    study = make_study(tmp_path, columns=columns, time_column="log.time", labels="log.label")
+    log = read_log(tmp_path / "run.mat", study)
+    np.testing.assert_array_equal(log.signals["motor1.tau"], source.tau1)
+    assert set(log.labels) == {"A"} and "note" in log.header
+
+
+@pytest.mark.parametrize("more, told", [
+    ({"tau1": np.zeros(39)}, "column 'tau1' has 39 values, 'time' has 40"),
+    ({"tau1": np.ones((40, 3))}, "column 'tau1': holds 40 x 3, not one number a sample"),
+    ({"tau1": "high"}, "column 'tau1': holds a single value, not one number a sample"),
+])
+def test_what_is_no_column_in_a_mat_file_is_refused(more, told, tmp_path):
+    write_mat(frame(), tmp_path / "run.mat", **more)
+    with pytest.raises(DataError, match=told):
+        read_log(tmp_path / "run.mat", make_study(tmp_path))
+
+
+def test_a_mat_file_of_version_73_says_how_to_save_it(tmp_path):
+    (tmp_path / "run.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400))
+    with pytest.raises(DataError, match="is a MAT file of version 7.3; save it with the option -v7"):
+        read_log(tmp_path / "run.mat", make_study(tmp_path))
+
+
+def test_an_mcap_file_of_other_encodings_says_so(tmp_path):
+    write_mcap(frame(), tmp_path / "run.mcap", encoding="cdr")
+    with pytest.raises(DataError, match=r"has no message encoded as JSON \(but cdr\)"):
+        read_log(tmp_path / "run.mcap", make_study(tmp_path))
+    write_mcap(frame(), tmp_path / "run.mcap", text=lambda row: "{")
+    with pytest.raises(DataError, match="message 0 on 'rig' is not JSON"):
+        read_log(tmp_path / "run.mcap", make_study(tmp_path))
+
+
+def test_an_mcap_file_may_hold_arrays_and_drop_outs(tmp_path):
+    source = frame()
+    source.loc[7, "tau1"] = np.nan
+    write_mcap(source, tmp_path / "run.mcap", text=lambda row: json.dumps(
+        {"joint": [row["theta1"], 0], "tau1": None if np.isnan(row["tau1"]) else row["tau1"]}))
+    columns = {"rig.joint[0]": COLUMNS["theta1"], "rig.tau1": COLUMNS["tau1"]}
+    log = read_log(tmp_path / "run.mcap", make_study(tmp_path, columns=columns, drop_outs="skip"))
+    assert log.dropped == [(8, 8)] and log.time[0] == 0.0 and len(log.signals["motor1.phi"]) == 39
+
+
+def test_an_mdf_channel_that_is_there_twice_is_refused(tmp_path):
+    write_mdf(frame(), tmp_path / "run.mf4", [["theta1", "tau1"], ["tau1"]])
+    with pytest.raises(DataError, match="channel 'tau1' is there 2 times"):
+        read_log(tmp_path / "run.mf4", make_study(tmp_path))
 
 
 def test_broken_parquet_is_refused(tmp_path):

@@ -110,6 +110,7 @@ def test_given_data_replaces_the_runs_and_keeps_held_out_files_held_out(study, t
 
 
 BROKEN = {
+    "negative seed": (RIG + "[data]\nseed = -5", ["seed = -5 must not be negative", "study.toml:4"]),
     "no rig": ("[data]\nruns = []", ["no [rig]"]),
     "no model": ("[rig]\nmodelica = []", ["model is missing"]),
     "broken toml": ("[rig]\nmodel = \n", ["not valid TOML", "line 2"]),
