@@ -178,7 +178,8 @@ def dependence(dataset, model, fit, seed=0):
     found, sure = [], False
     for name, values in explanations(dataset, model, fit, index).items():
         bins = _bins(values)
-        best = max((_explained(xy, xx, energy, bins, fold, label, len(blocks)) for xy, xx in drives), key=lambda e: e[0])
+        tried = [_explained(xy, xx, energy, bins, fold, label, len(blocks)) for xy, xx in drives]
+        best = max(tried, key=lambda e: e[0])
         found.append({"variable": name, "strength": round(max(0.0, float(best[0])), 4)})
         sure |= (best[1] > ALARM and best[0] > 0) or (best[0] > SHARE and best[1] > FEW)
     angles = {n for n, c in dataset.study.columns.items() if c.variable.endswith("phi")}

@@ -25,6 +25,7 @@ from .noise import contiguous, fit_noise
 LEVEL = 0.01
 DRAWS = 1999
 PART = 0.8  # of what a free function of one variable explains, that an accepted effect must explain
+PRESSED = 12.0  # variances that lifting a bound must win for its parameter not to absorb anything: 0.05 % by chance
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
 REFITS = 10
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
@@ -251,10 +252,10 @@ class Scores:
 
     def _test(self):
         """Statistic, single and family-wise p-value of every candidate."""
-        p, gram = self.p, self.gram
-        inverse, _ = identify.invert(gram[:p, :p])
-        cross = gram[p:-1, :p] @ inverse
-        schur = gram[p:-1, p:-1] - cross @ gram[:p, p:-1]
+        p, gram, base = self.p, self.gram, self._yielding()
+        inverse, _ = identify.invert(gram[np.ix_(base, base)])
+        cross = gram[p:-1, base] @ inverse
+        schur = gram[p:-1, p:-1] - cross @ gram[base, p:-1]
         values, vectors = np.linalg.eigh((schur + schur.T) / 2)
         root = vectors * np.sqrt(np.maximum(values, 0))
         noise = self.rng.standard_normal((self.draws, len(schur))) @ root.T
@@ -276,6 +277,23 @@ class Scores:
                     chance = np.where(sign * z[:, 0] > 0, chance, 0.0)
                 largest = np.maximum(largest, -self._log_chi2(chance, len(t.T), sided))
         self.largest = np.sort(largest)
+
+    def _yielding(self):
+        """Base parameters that can absorb a candidate: not those that the data press against a bound.
+
+        One that is at its bound by chance yields; pressed is what would lower the whitened squares by many variances.
+        """
+        p, (low, high) = self.p, self._bounds(None)
+        a, b = self.gram[:p, :p], self.gram[:p, -1]
+        fitted, x = bounded(a, b, low, high)
+        near = 1e-5 * np.array([self.table.fit.variables[n].nominal for n in self.table.fit.free])
+        found = []
+        for k in range(p):
+            lifted = [np.where(np.arange(p) == k, end, v) for end, v in ((-np.inf, low), (np.inf, high))]
+            at_bound = x[k] - low[k] < near[k] or high[k] - x[k] < near[k]
+            if not at_bound or bounded(a, b, *lifted)[0] - fitted < PRESSED * self.variance:
+                found.append(k)
+        return found
 
     def _visible(self, candidate, inner, full):
         """Whether a size within reason would stand out of the noise, beside what the base model absorbs."""
@@ -550,24 +568,36 @@ def _start(candidate, coefficients):
 
 
 def _refit_best(dataset, model, fit, scores, findings, usual, table):
-    """Fit the model with each of the best candidates; fills the findings and returns those that were fitted."""
-    attached = [(e.id, p.name) for e, p in model.attached]
-    fitted = []
-    for finding in [f for f in findings if f.p_value < 10 * LEVEL][:REFITS]:
-        larger = compile_model(dataset.library, model.rig, [*attached, finding.key])
-        start = {**fit.parameters, **finding.start}
-        for component in larger.attached[-1][1].components:
-            name = f"{component}.f0"
-            if name in fit.free:
-                start[name] = max(start[name], table.least_loss(component))
-        try:
-            finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding), most=TRIAL)
-        except PycosimError:
-            continue
-        finding.selection = select(dataset, larger, finding.fit, scores.noise, usual)
-        finding.coefficients = _coefficients(larger, finding.fit)
-        fitted.append(finding)
+    """Fit the model with each of the best candidates; fills the findings and returns those that were fitted.
+
+    The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
+    are fitted as well, whatever their scores.
+    """
+    likely = [f for f in findings if f.p_value < 10 * LEVEL]
+    fitted = [f for f in likely[:REFITS] if _refit(dataset, model, fit, scores, f, usual, table)]
+    if fitted:
+        best = min(fitted, key=lambda f: f.selection.white.sum())
+        effects = {f.effect for f in fitted if _twins(f, best)}
+        fitted += [f for f in likely[REFITS:] if f.effect in effects
+                   and _refit(dataset, model, fit, scores, f, usual, table)]
     return fitted
+
+
+def _refit(dataset, model, fit, scores, finding, usual, table):
+    """Fit the model with one candidate; whether it could be fitted."""
+    larger = compile_model(dataset.library, model.rig, [*((e.id, p.name) for e, p in model.attached), finding.key])
+    start = {**fit.parameters, **finding.start}
+    for component in larger.attached[-1][1].components:
+        name = f"{component}.f0"
+        if name in fit.free:
+            start[name] = max(start[name], table.least_loss(component))
+    try:
+        finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding), most=TRIAL)
+    except PycosimError:
+        return False
+    finding.selection = select(dataset, larger, finding.fit, scores.noise, usual)
+    finding.coefficients = _coefficients(larger, finding.fit)
+    return True
 
 
 def _coefficients(model, fit):
