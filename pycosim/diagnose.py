@@ -225,7 +225,8 @@ class Scores:
         bound = contribution.question.variables[contribution.coefficients[0]].max
         self.candidates.append(Candidate(
             contribution.effect, place, {frequency: cycles, quadrature: 0.0}, [[start], [start + 1]],
-            [contribution.coefficients[0]], np.full(2, -bound), np.full(2, bound), {"scanned": True, "phase": quadrature}))
+            [contribution.coefficients[0]], np.full(2, -bound), np.full(2, bound),
+            {"scanned": True, "phase": quadrature}))
 
     def predicted(self, candidate, coefficients):
         """Mean square of each channel after adding a candidate, with the base refitted within its bounds."""
@@ -268,7 +269,8 @@ class Scores:
                 continue
             sided = len(candidate.parts) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
             value, coefficients = self._fall(candidate)
-            self.results.append(Score(candidate, value, float(self._surprise(value, len(t.T), sided)), coefficients, True))
+            surprise = float(self._surprise(value, len(t.T), sided))
+            self.results.append(Score(candidate, value, surprise, coefficients, True))
             if not candidate.extra.get("scanned"):
                 z = np.array([noise[:, part].sum(1) for part in candidate.parts]).T
                 chance = np.einsum("bi,ij,bj->b", z, np.linalg.inv(inner), z)

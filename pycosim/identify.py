@@ -1,7 +1,7 @@
 """Data set and model in, parameters with intervals, and what the data cannot tell, out.
 
-The fit is a bounded nonlinear least-squares problem. Its residual enters only through the moments [J r]'[J r], which are
-summed block by block, so memory does not grow with the log and a solver for small problems serves logs of any length.
+The fit is a bounded nonlinear least-squares problem. Its residual enters only through the moments [J r]'[J r], which
+are summed block by block, so memory does not grow with the log and a solver for small problems serves logs of any length.
 """
 
 from __future__ import annotations
@@ -250,7 +250,8 @@ def _solve(gram, x, free, variables, evaluations):
             g = gram(z)
             if not np.isfinite(g).all():  # no answer there: a step that the solver takes back
                 if z.tobytes() == x.tobytes():
-                    raise NoAnswerError(f"the model has no finite answer at the start, {_listed(free, x)}; start elsewhere")
+                    raise NoAnswerError(f"the model has no finite answer at the start, {_listed(free, x)}; "
+                                        "start elsewhere")
                 g = np.diag([*np.zeros(len(free)), 1e300])
             values, vectors = np.linalg.eigh(g)
             rows[key] = np.sqrt(np.maximum(values, 0))[:, None] * vectors.T
@@ -292,7 +293,8 @@ def bounded(a, b, low, high):
 def _result(problem, slope, residual, gram, x, free, variables, weights):
     """Covariance, null directions and noise at the solution."""
     if not np.isfinite(gram).all():
-        raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a better start")
+        raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a "
+                            "better start")
     pieces = contiguous(problem.time, problem.group)
     inverse, null = invert(gram[:-1, :-1])
     few = pieces[::max(1, problem.n // 20000)]  # enough for the three numbers of a noise model

@@ -1,4 +1,4 @@
-"""Residuals of a piecewise affine model in; their moments, sign pattern by sign pattern, out: a fit without the samples.
+"""Residuals of a piecewise affine model in; their moments, by patterns of signs, out: a fit without the samples.
 
 Between changes of sign of speeds and loads, the segments' law is affine in the measured torques. Within one pattern of
 signs the residual and its derivative are then the same affine map of every sample, and all a least-squares step needs
@@ -51,7 +51,8 @@ class Moments:
         if not all(np.all(np.abs(s) == 1) for t in found.terms for s in t.states):
             return None
         names = [problem.selected.inputs[k] for k in found.functions.varying]
-        inputs = [_full(t.signals.get(name, 0.0), problem.n) for terms in (found.terms, clean) for t in terms for name in names]
+        inputs = [_full(t.signals.get(name, 0.0), problem.n)
+                  for terms in (found.terms, clean) for t in terms for name in names]
         found.rows = np.array([np.ones(problem.n), *inputs, *problem.measured])
         return found if found.take(x) else None
 
@@ -171,8 +172,8 @@ def _functions(problem, segments):
         columns = [k for k, n in enumerate(problem.free) if n in q.parameters]
         slope = ca.jacobian(y, u[varying]) if varying else ca.SX(y.numel(), 0)
         values = ca.densify(ca.horzcat(y, slope))  # channels x (1 + inputs)
-        rates = [ca.densify(ca.reshape(ca.jacobian(ca.vec(values), p[q.parameters.index(problem.free[k])]), values.shape))
-                 for k in columns]
+        numbers = [q.parameters.index(problem.free[k]) for k in columns]
+        rates = [ca.densify(ca.reshape(ca.jacobian(ca.vec(values), p[k]), values.shape)) for k in numbers]
         local = ca.Function("local", [u, x, p], [ca.cse(ca.horzcat(values, *rates))])
         load = ArrayFunction(ca.Function("load", [u, x, p], [ca.cse(loads.output(u, x, p))]))
         made[key] = SimpleNamespace(loads=loads, load=load, varying=varying, columns=columns,

@@ -85,8 +85,8 @@ def fit_noise(pieces, absorbed=None):
 def _whittle(count, power, cosine, longest, points=24, zooms=6):
     """White and slow power, and correlation, that make the spectrum most likely: misfit, white, slow, phi.
 
-    The scale has a closed form for a given shape. The logarithms of the other two - slow over white, and the correlation
-    time - are searched on a grid that closes in on its best point.
+    The scale has a closed form for a given shape. The logarithms of the other two - slow over white, and the
+    correlation time - are searched on a grid that closes in on its best point.
     """
     low, high = -1.0, np.log(2.0 * longest)
     middle, half = np.array([1.0, (low + high) / 2]), np.array([8.0, (high - low) / 2])
@@ -132,8 +132,8 @@ def _fast(n):
 def arma(white, slow, phi):
     """ARMA(1, 1) process of a white and an exponentially correlated part.
 
-    The differenced series ``y(t) - phi y(t - 1)`` has variance ``g0`` and lag-one covariance ``g1``; a moving average of
-    order one has the same two (Box and Jenkins).
+    The differenced series ``y(t) - phi y(t - 1)`` has variance ``g0`` and lag-one covariance ``g1``; a moving average
+    of order one has the same two (Box and Jenkins).
     """
     g0 = slow ** 2 * (1 - phi ** 2) + white ** 2 * (1 + phi ** 2)
     g1 = -phi * white ** 2
