@@ -1,7 +1,8 @@
 """Data set and model in, parameters with intervals, and what the data cannot tell, out.
 
 The fit is a bounded nonlinear least-squares problem. Its residual enters only through the moments [J r]'[J r], which
-are summed block by block, so memory does not grow with the log and a solver for small problems serves logs of any length.
+are summed block by block, so memory does not grow with the log and a solver for small problems serves logs of any
+length.
 """
 
 from __future__ import annotations

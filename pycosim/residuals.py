@@ -99,12 +99,6 @@ class Residuals:
         fewer.time, fewer.group, fewer.block = self.time[::k], self.group[::k], self.block[::k]
         return fewer
 
-    def on(self, terms):
-        """The same problem on other signals."""
-        other = copy.copy(self)
-        other.terms = terms
-        return other
-
     def _arguments(self, term, parameters, where):
         q = self.selected
         return ([_slice(term.signals.get(n, 0.0), where) for n in q.inputs] + [s[where] for s in term.states]
