@@ -213,10 +213,10 @@ def propagate(question, signals, time, parameters, run=None, free=(), only=None)
     chosen = [i for i, name in enumerate(question.states) if only is None or name in only]
     if not chosen or n < 2:
         return states, sensitivities
-    h = np.diff(time)
+    keep = np.ones(n - 1) if run is None else (run[1:] == run[:-1]).astype(float)  # a new log starts from zero
+    h = np.where(keep, np.diff(time), 0.0)  # what lies between two logs, backwards perhaps, is no step
     inputs = _between(question, signals, n, h)
     values = [float(parameters[p]) for p in question.parameters]
-    keep = np.ones(n - 1) if run is None else (run[1:] == run[:-1]).astype(float)  # a new log starts from zero
     made = question.__dict__.setdefault("_steps", {})
     steps = made.get(tuple(chosen)) or made.setdefault(tuple(chosen), _Steps(question, chosen))
     found = steps.coefficients([*inputs, *values, h], n - 1)
