@@ -14,8 +14,10 @@ import casadi as ca
 import numpy as np
 
 from . import cache
-from .compile import ArrayFunction, catalogue, compile_model, places, solve
+from .compile import ArrayFunction, catalogue, compile_model, places, potentials, solve
+from .compile.effects import PARTNER, ports
 from .compile.model import Question, _dump, _load
+from .delays import rate
 from .residuals import Residuals
 from .states import propagate
 
@@ -78,12 +80,13 @@ def effect_question(library, effect):
         flat = library.flatten(effect.model)
         open_ports = tuple(f"{c}." for c in effect.connectors)  # a class by itself has its flows set to zero
         flat.equations = [e for e in flat.equations if not (e.is_symbolic() and e.name().startswith(open_ports))]
-        potentials = [f"{c}.{m}" for c, members in (("friction", ("w", "L", "s", "f0")), ("signal", ("tau",)),
-                                                    ("flange", ("phi",)))
-                      if c in effect.connectors for m in members]
-        known = [*potentials, *effect.inputs]
+        known = [*(f"{c}.{m}" for c, kind in effect.connectors.items() for m in potentials(library, kind)),
+                 *effect.inputs]
         solution = solve(flat, known)
         values = solution.values
+        if effect.channel:  # what is late by a little has changed by its rate
+            late = solution.symbols["der(signal.tau)"] = ca.SX.sym("der(signal.tau)")
+            values["dtau"] = -values["delay"] * late
         outputs = [o for o in _PROBE if o in values and not values[o].is_zero()]
         y = ca.vertcat(*[values[o] for o in outputs])
         states = solution.states
@@ -110,11 +113,12 @@ class Contribution:
         self.defaults = {n: v.value for n, v in q.variables.items()}
         u, x, p = q.symbols()
         y = q.output(u, x, p)
-        self.coefficients = list(effect.size) or [next(iter(effect.scan))]
-        if effect.size:
-            parts = [ca.jacobian(y, p[q.parameters.index(c)]) for c in effect.size]
-        else:  # an effect without amplitude: its addition at the grid point itself
-            parts = [y]
+        sizes = [p[q.parameters.index(c)] for c in effect.size]
+        whole = ca.substitute(y, ca.vertcat(*sizes), [self.defaults[c] for c in effect.size]) if sizes else y
+        self.coefficients, parts = list(effect.size), [ca.jacobian(y, size) for size in sizes]
+        if effect.scan and not _vanishes(whole):  # what has no amplitude: its addition at the grid point itself
+            self.coefficients.insert(0, next(iter(effect.scan)))
+            parts.insert(0, whole)
         self.function = ArrayFunction(ca.Function("contribution", [u, x, p], [ca.densify(ca.cse(v)) for v in parts]))
 
     def __call__(self, signals, states, grid, n):
@@ -123,6 +127,14 @@ class Contribution:
         values = {**self.defaults, **grid}
         arguments = [signals[i] for i in q.inputs] + list(states) + [values[p] for p in q.parameters]
         return self.function(arguments, n).reshape(len(self.coefficients), len(q.outputs), n)
+
+
+def _vanishes(expression):
+    """Whether an expression is zero whatever its variables, by numbers."""
+    names = ca.symvar(expression)
+    value = ca.Function("value", names, [ca.densify(expression)])
+    points = np.random.default_rng(0).uniform(0.2, 0.9, (4, len(names)))
+    return all(np.abs(np.array(value.call([ca.DM(v) for v in p])[0])).max() < 1e-12 for p in points)
 
 
 def grids(effect, scan_values):
@@ -182,25 +194,38 @@ class Table:
         """Signals of the ports at the samples of each term."""
         d, q = self.dataset, self.model
         segments, motors = q.components("friction"), q.components("signal")
-        names = [f"{c}.{v}" for c in segments for v in ("w", "L", "s")]
-        names += [f"{c}.{v}" for c in motors for v in ("tau_shaft", "phi")]
+        names = [f"{c}.{v}" for c in segments for v in ("w", "L", "s")] + [f"{c}.phi" for c in motors]
+        names += [f"{c}.{port}.{v}" for port, kind in ports(self.library).items() for c in q.components(port)
+                  for v in kind.potentials]
         names += sorted({i for e in catalogue(self.library).values() for i in e.inputs})
         self.full = {**d.signals, **d.measured, **d.segment_signals(q, self.fit.parameters, names, None, d.exogenous())}
         self.takes = [take for _, _, take in d._picks(d.view(self.part))]
 
-    def port_signals(self, effect, component, take=None):
+    def port_signals(self, effect, component, take=None, partner=None):
         """Signals that an effect reads at a component, at all samples or at those of a term."""
         found = {"time": None if self.dataset.averaged else self.dataset.time}
-        for member, source in (("w", "w"), ("L", "L"), ("s", "s")):
-            found[f"friction.{member}"] = self.full.get(f"{component}.{source}")
-        found["friction.f0"] = max(self.fit.parameters.get(f"{component}.f0", 0.0), self.least_loss(component))
-        found["signal.tau"] = self.full.get(f"{component}.tau_shaft")
+        for connector in effect.connectors:
+            found.update(self._potentials(connector, effect, component if partner is None or connector != PARTNER
+                                          else partner))
         found["flange.phi"] = self.full.get(f"{component}.phi")
         found["der(der(flange.phi))"] = self.full.get(f"der(der({component}.phi))")
+        if effect.channel:
+            found["der(signal.tau)"] = rate(self.dataset.time, found["signal.tau"], self.dataset.run)
         found.update({i: self.full.get(i) for i in effect.inputs})
         if take is None:
             return found
         return {n: take(v)[::self.thin] if isinstance(v, np.ndarray) else v for n, v in found.items()}
+
+    def _potentials(self, connector, effect, component):
+        """What a connector of an effect offers at a component."""
+        kinds = ports(self.library)
+        port = connector if connector in kinds else next(
+            (p for p in effect.ports if effect.connectors[p] == effect.connectors[connector]), connector)
+        found = {f"{connector}.{v}": self.full.get(f"{component}.{port}.{v}")
+                 for v in (kinds[port].potentials if port in kinds else ())}
+        if f"{connector}.f0" in found:
+            found[f"{connector}.f0"] = max(self.fit.parameters.get(f"{component}.f0", 0.0), self.least_loss(component))
+        return found
 
     def least_loss(self, component):
         """Loss below which an effect relative to it could not be seen; a missing effect can press f0 to zero."""
@@ -231,7 +256,9 @@ class Table:
     def _missing(self, effect, place):
         """Signals that the effect reads and that the log does not give."""
         needed = effect_question(self.library, effect).inputs
-        return [n for c in place.components for n, v in self.port_signals(effect, c).items() if n in needed and v is None]
+        return [n for c in place.components
+                for n, v in self.port_signals(effect, c, None, place.partner(effect, c)).items()
+                if n in needed and v is None]
 
     def scan_values(self, component):
         """Grids for coefficients that vanish with their effect, from what the data cover."""
@@ -262,15 +289,17 @@ class Table:
             contribution = self.contributions.setdefault(effect.id, Contribution(self.library, effect))
             for number, grid in enumerate(grids(effect, self.scan_values(place.components[0]))):
                 for component in place.components:
-                    key = (effect.id, component, number)
+                    partner = place.partner(effect, component)
+                    key = (effect.id, component, partner, number)
                     if key not in index:
                         own = grids(effect, self.scan_values(component))[number]
                         index[key] = len(self.columns)
-                        for c, values in zip(contribution.coefficients, self.column(contribution, component, own)):
+                        for c, values in zip(contribution.coefficients, self.column(contribution, component, own,
+                                                                                         partner)):
                             self.columns.append(Column(effect, component, tuple(own.items()), c))
                             self.matrix.append(values)
                 d = len(contribution.coefficients)
-                starts = [index[(effect.id, c, number)] for c in place.components]
+                starts = [index[(effect.id, c, place.partner(effect, c), number)] for c in place.components]
                 parts = [[s + k for s in starts] for k in range(d)]
                 self.candidates.append(self.candidate(contribution, place, grid, parts))
         self.matrix = (np.array(self.matrix).transpose(1, 0, 2) if self.matrix
@@ -279,26 +308,25 @@ class Table:
     def candidate(self, contribution, place, grid, parts):
         """A candidate with the bounds of its coefficients."""
         effect, described = contribution.effect, contribution.question.variables
-        if effect.size:
-            at = [described[c] for c in effect.size]
-            lower = np.array([v.min - v.value for v in at])
-            upper = np.array([v.max - v.value for v in at])
-        else:
-            lower, upper = np.array([0.0]), np.array([2.0])
+        bounds = [(0.0, 2.0) if c in effect.scan else (described[c].min - described[c].value,
+                                                       described[c].max - described[c].value)
+                  for c in contribution.coefficients]
+        lower, upper = np.array(bounds).T
         return Candidate(effect, place, grid, parts, contribution.coefficients, lower, upper)
 
-    def column(self, contribution, component, grid):
+    def column(self, contribution, component, grid, partner=None):
         """Columns of an effect at a component: ndarray, shape (coefficients, channels, n)."""
         q = contribution.question
         total = 0.0
         states = np.zeros((len(q.states), len(self.dataset.time)))
+        grid = {**self.dataset.means(contribution.effect), **grid}
         if q.states:
             values = {**contribution.defaults, **grid}
-            states, _ = propagate(q, self.port_signals(contribution.effect, component), self.dataset.time, values,
-                                  self.dataset.run)
+            states, _ = propagate(q, self.port_signals(contribution.effect, component, None, partner), self.dataset.time,
+                                  values, self.dataset.run)
         for take, response in zip(self.takes, self.responses):
             n = response.shape[2]
-            signals = self.port_signals(contribution.effect, component, take)
+            signals = self.port_signals(contribution.effect, component, take, partner)
             additions = contribution(signals, [take(s)[::self.thin] for s in states], grid, n)
             part = 0.0
             for k, port in enumerate(q.outputs):

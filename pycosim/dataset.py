@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from . import segmentation
-from .compile import ArrayFunction, compile_model, component_name
+from .compile import ArrayFunction, catalogue, compile_model, component_name
+from .delays import undo
 from .errors import DataError
 from .measurements import default_window, derivatives, load, require, resolution
 from .noise import contiguous
@@ -104,7 +105,8 @@ class Dataset:
             speed = angle.removesuffix(".phi") + ".w"
             self.signals[name] = self.measured.get(speed, first) if angle.endswith(".phi") else first
             self.signals[f"der({name})"] = second
-        for name in self.question.inputs:
+        read = {n for effect in catalogue(self.library).values() for n in effect.measured}  # by effects not attached yet
+        for name in [*self.question.inputs, *sorted(read)]:
             if name in self.measured:
                 self.signals.setdefault(name, self.measured[name])
 
@@ -120,7 +122,7 @@ class Dataset:
         if states is None:
             states = self.states(model, parameters)[0]
         chosen = question.select(names)
-        signals = self.signals if signals is None else signals
+        signals = self.undelayed(question, parameters, signals)
         arguments = ([signals.get(n, 0.0) for n in chosen.inputs] + list(states)
                      + [float(parameters[n]) for n in chosen.parameters])
         values = ArrayFunction(chosen.output)(arguments, len(self.time))
@@ -145,6 +147,11 @@ class Dataset:
                 states[k] = np.sign(self.speeds[list(model.segments).index(component)])
                 sensitivities[:, k] = 0.0
         return states, sensitivities
+
+    def undelayed(self, question, parameters, signals=None):
+        """Signals at the times they tell of, for a model that delays their record; else as recorded."""
+        signals = self.signals if signals is None else signals
+        return undo(question, signals, self.time, self.run, parameters, self.exogenous()) if question.late else signals
 
     def exogenous(self):
         """Signals with every measured torque replaced by what the motion alone predicts of it.
@@ -188,7 +195,8 @@ class Dataset:
         noisy = [k for k in self.known if k in self.signals and k in question.inputs and not k.endswith((".phi", ".w"))]
         view = self.view(part)
         total = np.zeros((len(self.outputs), len(self._picks(view)[0][1])))
-        signals, (states, _) = self.exogenous(), self.states(model, parameters)
+        signals, (states, _) = self.undelayed(self.ask(model), parameters, self.exogenous()), self.states(
+            model, parameters)
         for name in noisy:
             slope = ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(ca.jacobian(
                 y, u[question.inputs.index(name)]))]))
@@ -321,7 +329,9 @@ class Dataset:
             if key not in cached:
                 states, sensitivities = self.states(model, values, with_respect_to)
                 cached.clear()
-                cached[key] = [Term(weight, {n: take(v) for n, v in signals.items()}, take(states),
+                moved = self.undelayed(question, values, signals)
+                cached[key] = [Term(weight, {n: take(v) if isinstance(v, np.ndarray) else v for n, v in moved.items()},
+                                    take(states),
                                     take(sensitivities)) for weight, _, take in picks]
             return cached[key]
 
@@ -354,7 +364,15 @@ class Dataset:
                 angle = self.signals.get(f"{place.components[0]}.phi")
                 if angle is not None and np.ptp(angle) > 0:
                     found[name] = replace(found[name], min=max(found[name].min, 2 * np.pi / np.ptp(angle)))
+            for name, mean in self.means(effect).items():
+                name = f"{component_name(effect, place)}.{name}"
+                if name not in self.study.parameters:
+                    found[name] = replace(found[name], value=mean)
         return found
+
+    def means(self, effect):
+        """Parameters of an effect that stand for the mean of something measured."""
+        return {n: float(self.measured[v].mean()) for n, v in effect.means.items() if v in self.measured}
 
     def values(self, model):
         """Values that the study sets."""

@@ -277,7 +277,7 @@ class Scores:
         least = 5e-3 if self.table.dataset.paired else 1e-6
         if np.min(diagonal / np.maximum(np.diag(full), 1e-300)) < least or np.linalg.cond(inner) > 1e12:
             return False
-        if not candidate.effect.size:
+        if candidate.names[0] in candidate.effect.scan:
             return True
         spread = np.sqrt(self.variance / diagonal)
         nominal = self.table.contributions[candidate.effect.id].question.variables[candidate.names[0]].nominal
@@ -536,8 +536,8 @@ def _start(candidate, coefficients):
     if candidate.extra.get("scanned"):
         values[candidate.names[0]] = float(np.hypot(*coefficients))
         values[candidate.extra["phase"]] = float(np.arctan2(coefficients[1], coefficients[0]))
-    elif effect.size:
-        values.update(zip(candidate.names, map(float, coefficients)))
+    else:
+        values.update({n: float(v) for n, v in zip(candidate.names, coefficients) if n not in effect.scan})
     return {f"{base}.{n}": v for n, v in values.items()}
 
 

@@ -14,10 +14,10 @@ from .errors import ModelicaError
 
 
 def dependent_parameters(question):
-    """Names of the parameters that the friction states depend on."""
+    """Names of the parameters that the friction states, or the times at which signals are taken, depend on."""
     u, x, p = question.symbols()
-    rate = question.rate(u, x, p)
-    return [n for n, s in zip(question.parameters, ca.vertsplit(p)) if question.states and ca.depends_on(rate, s)]
+    rate = ca.vertcat(question.rate(u, x, p), question.select(list(question.late.values())).output(u, x, p))
+    return [n for n, s in zip(question.parameters, ca.vertsplit(p)) if rate.numel() and ca.depends_on(rate, s)]
 
 
 def _step(question, free):

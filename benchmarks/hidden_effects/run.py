@@ -20,7 +20,9 @@ from benchmarks.hidden_effects import machine as rig
 ROOT = Path(__file__).parents[2]
 STUDY = ROOT / "examples" / "hip_knee" / "study.toml"
 EFFECTS = ("viscous", "stribeck", "presliding", "direction_asymmetry", "configuration_preload", "load_dependence",
-           "load_nonlinearity", "torque_ripple", "thermal_drift", "torque_offset", "torque_constant")
+           "load_nonlinearity", "load_hysteresis", "cross_load", "torque_ripple", "thermal_drift",
+           "temperature_dependence", "torque_offset", "torque_constant", "torque_saturation", "rotor_inertia",
+           "time_delay")
 # what no log of this rig with a torque reference can tell apart (the contract's list)
 TWINS = [{("torque_offset", f"motor{i}"), ("direction_asymmetry", f"{i}A")} for i in (1, 2)] + [
     {("torque_offset", "motor1+motor2"), ("direction_asymmetry", "1A+2A")}] + [

@@ -34,4 +34,5 @@ equation
   friction.L = L;
   friction.s = z;
   friction.f0 = f0;
+  friction.mu = m;
 end Segment;
