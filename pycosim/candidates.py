@@ -21,7 +21,6 @@ from .delays import rate
 from .residuals import Residuals
 from .states import propagate
 
-_PROBE = {"dF": "dF", "df0": "df0", "ds": "ds", "dmu": "dmu", "dtau": "dtau", "loss": "dtau"}  # addition to probe
 CYCLES = 20.0  # highest number of cycles a revolution that is searched
 _LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
 
@@ -69,6 +68,12 @@ class Candidate:
         return self.effect.id, self.place.name
 
 
+def additions(library, effect):
+    """What an effect may add, and the parameter of the place's probe that stands for it."""
+    found = {a: a for c in effect.ports if c in ports(library) for a in ports(library)[c].additions}
+    return {**found, "loss": "dtau"} if "dtau" in found else found  # a torque at the shaft reads like one in the channel
+
+
 def effect_question(library, effect):
     """An effect's own equation: state of its ports in, additions out.
 
@@ -87,7 +92,7 @@ def effect_question(library, effect):
         if effect.channel:  # what is late by a little has changed by its rate
             late = solution.symbols["der(signal.tau)"] = ca.SX.sym("der(signal.tau)")
             values["dtau"] = -values["delay"] * late
-        outputs = [o for o in _PROBE if o in values and not values[o].is_zero()]
+        outputs = [o for o in additions(library, effect) if o in values and not values[o].is_zero()]
         y = ca.vertcat(*[values[o] for o in outputs])
         states = solution.states
         rates = ca.vertcat(*[values[flat.derivatives[s]] for s in states]) if states else ca.SX(0, 1)
@@ -271,6 +276,10 @@ class Table:
         time = self.time
         values = {"time": np.geomspace(max(np.ptp(time) / 40, 0.5), max(2 * np.ptp(time), 1.0), 7),
                   "quadrature": np.array([0.0, np.pi / 2])}
+        angles = [v for n, v in self.full.items() if n.endswith(".beside.phi")]
+        if angles:  # where a spring has no torque, in the workspace or beyond; alike for all joints, which may share it
+            low, high = min(v.min() for v in angles), max(v.max() for v in angles)
+            values["angle"] = np.linspace(2 * low - high, 2 * high - low, 11)
         speed = self.full.get(f"{component}.w")
         if speed is not None:
             speed = np.abs(view(speed))
@@ -317,7 +326,7 @@ class Table:
     def column(self, contribution, component, grid, partner=None):
         """Columns of an effect at a component: ndarray, shape (coefficients, channels, n)."""
         q = contribution.question
-        total = 0.0
+        total, probes = 0.0, additions(self.library, contribution.effect)
         states = np.zeros((len(q.states), len(self.dataset.time)))
         grid = {**self.dataset.means(contribution.effect), **grid}
         if q.states:
@@ -327,10 +336,10 @@ class Table:
         for take, response in zip(self.takes, self.responses):
             n = response.shape[2]
             signals = self.port_signals(contribution.effect, component, take, partner)
-            additions = contribution(signals, [take(s)[::self.thin] for s in states], grid, n)
+            added = contribution(signals, [take(s)[::self.thin] for s in states], grid, n)
             part = 0.0
             for k, port in enumerate(q.outputs):
-                probe = self.probes.index(f"probe_{component}.{_PROBE[port]}")
-                part = part + additions[:, k][:, None, :] * response[None, :, probe]
+                probe = self.probes.index(f"probe_{component}.{probes[port]}")
+                part = part + added[:, k][:, None, :] * response[None, :, probe]
             total = total + part
         return total

@@ -70,12 +70,25 @@ class Dataset:
         if balanced:  # what the leg's model asks for beyond the transmission's torque is the error
             self.asked, forms = "balance", self.base.alternatives("balance")
         self.outputs, self.known = forms[self.form]
+        self._choose_outputs(named, balanced, have)
         self.question = self.ask(self.base)
+
+    def _choose_outputs(self, named, balanced, have):
+        """Channels, and which variables of the model stand for them."""
         self.channels = [f"{c}_pair" for c in named] if self.paired else list(named)
+        self.aliases, self.zeros = {}, []
+        if not balanced and self.study.reference != "sensor":  # a computed reference knows the load alone
+            self.aliases = self.base.aliases("load")
+        for channel, reading in self.base.aliases("encoders").items():
+            if channel in have and not self.paired:
+                self.aliases[channel], _, zero = reading.partition(":")
+                self.outputs = [*self.outputs, channel]
+                self.channels.append(channel)
+                self.zeros.append(zero)
 
     def ask(self, model):
         """The question that a model of this rig is asked about these data."""
-        return model.question(self.asked, self.form)
+        return model.question(self.asked, self.form, tuple(self.aliases.items()))
 
     def _gather(self):
         mapped = {c.variable for c in self.study.columns.values()}
@@ -379,8 +392,9 @@ class Dataset:
         return {n: s.value for n, s in self.study.parameters.items() if s.value is not None and n in model.parameters}
 
     def free(self, model):
-        """Free parameters: those the study names and does not fix, and the coefficients of attached effects."""
+        """Free parameters: those the study names and does not fix, encoder zeros, and the attached effects' own."""
         named = [n for n, s in self.study.parameters.items() if s.fixed is False and n in model.parameters]
+        named += [n for n in self.zeros if n not in self.study.parameters]
         for effect, place in model.attached:
             named += [n for n in model.effect_parameters(effect, place)
                       if n not in named and not (self.study.parameters.get(n) and self.study.parameters[n].fixed)]

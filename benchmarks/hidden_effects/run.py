@@ -22,7 +22,7 @@ STUDY = ROOT / "examples" / "hip_knee" / "study.toml"
 EFFECTS = ("viscous", "stribeck", "presliding", "direction_asymmetry", "configuration_preload", "load_dependence",
            "load_nonlinearity", "load_hysteresis", "cross_load", "torque_ripple", "thermal_drift",
            "temperature_dependence", "torque_offset", "torque_constant", "torque_saturation", "rotor_inertia",
-           "time_delay")
+           "time_delay", "joint_spring", "payload", "cable_compliance", "backlash")
 # what no log of this rig with a torque reference can tell apart (the contract's list)
 TWINS = [{("torque_offset", f"motor{i}"), ("direction_asymmetry", f"{i}A")} for i in (1, 2)] + [
     {("torque_offset", "motor1+motor2"), ("direction_asymmetry", "1A+2A")}] + [
@@ -43,6 +43,8 @@ def hide(effect, size, seed):
     """Draw a machine, a motion, a place and coefficients of the wanted size."""
     rng = np.random.default_rng([seed, sum(map(ord, effect)), int(100 * size)])
     motion = rig.default_trajectory(rng)
+    if effect == "backlash":  # shows only where the load changes its sign
+        motion = rig.six_manoeuvres((0.2, 0.4, 0.8, 1.6, 2.4), 2, start=(rig.CROSSING_START,), longest_pass=6.8, rng=rng)
     machine = rig.random_machine(rng)
     if effect == "none":
         return machine, motion, [], rng

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
@@ -64,6 +64,11 @@ class Question:
         return Question(self.inputs, self.states, self.parameters, list(outputs),
                         ca.Function("output", [u, x, p], [ca.vertcat(*rows)], *names), self.rate, self.variables,
                         self.late)
+
+    def swapped(self, names):
+        """The same question with pairs of outputs under each other's name."""
+        both = {**names, **{b: a for a, b in names.items()}}
+        return replace(self, outputs=[both.get(n, n) for n in self.outputs]) if names else self
 
     def sliding(self):
         """The same question for sliding segments: every friction state at its limit, the sign of the speed.
@@ -150,6 +155,10 @@ class Model:
         """Inputs of the attached effects that come from the log, such as a temperature."""
         return list(dict.fromkeys(n for effect, _ in self.attached for n in effect.measured))
 
+    def aliases(self, key):
+        """Entries ``a=b`` of the rig's annotation ``load`` or ``encoders``: a measured channel, and the output for it."""
+        return dict(pair.split("=") for pair in self.notes.get(key, "").split())
+
     def alternatives(self, name):
         """Forms of a question that the rig's annotation offers, as (outputs, inputs)."""
         text = self.notes.get(name, "")
@@ -161,7 +170,7 @@ class Model:
             raise StudyError(f"{self.rig} does not say how to {name}; add {name}=\"outputs from inputs\" to its annotation")
         return forms
 
-    def question(self, name, form=0):
+    def question(self, name, form=0, aliases=()):
         """Compile a question, or take it from the cache.
 
         Parameters
@@ -170,14 +179,18 @@ class Model:
             ``estimate``, ``compensate``, ``gravity_model``: a key of the rig's annotation.
         form : int
             Which of the alternatives.
+        aliases : tuple of (str, str)
+            Pairs of outputs that swap their names.
 
         Returns
         -------
         Question
         """
-        if (name, form) not in self._questions:
-            self._questions[name, form] = self._question(name, form)
-        return self._questions[name, form]
+        key = name, form, aliases
+        if key not in self._questions:
+            found = self.question(name, form) if aliases else self._question(name, form)
+            self._questions[key] = found.swapped(dict(aliases))
+        return self._questions[key]
 
     def _question(self, name, form):
         wanted, known = self.alternatives(name)[form]
@@ -196,8 +209,9 @@ class Model:
                   for v in kind.potentials]
         top = [n for n in flat.variables if "." not in n]
         members = ("phi", "w", "a", "tau", "tau_shaft", "v", "i")
-        aliases = [n for n in flat.variables if n.count(".") == 1 and n.endswith(tuple(f".{m}" for m in members))]
-        outputs = list(dict.fromkeys([n for n in [*wanted, *extra, *top, *aliases] if n in values and n not in known]))
+        inner = [n for n in flat.variables if n.count(".") == 1 and n.endswith(tuple(f".{m}" for m in members))]
+        named = [n.partition(":")[0] for key in ("load", "encoders") for n in self.aliases(key).values()]
+        outputs = list(dict.fromkeys([n for n in [*wanted, *extra, *top, *inner, *named] if n in values and n not in known]))
         late = self._late(known, values)
         outputs += [n for n in late.values() if n not in outputs]
         values = {**values, **self._shifted(late, values, outputs, solution.symbols)}
