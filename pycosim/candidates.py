@@ -17,11 +17,12 @@ from . import cache
 from .compile import ArrayFunction, catalogue, compile_model, places, potentials, solve
 from .compile.effects import PARTNER, ports
 from .compile.model import Question, _dump, _load
-from .delays import rate
+from .delays import shift
 from .residuals import Residuals
 from .states import propagate
 
 CYCLES = 20.0  # highest number of cycles a revolution that is searched
+AHEAD = "ahead(signal.tau)"  # by how much a torque is ahead of its record
 _LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
 
 
@@ -89,10 +90,10 @@ def effect_question(library, effect):
                  *effect.inputs]
         solution = solve(flat, known)
         values = solution.values
-        if effect.channel:  # what is late by a little has changed by its rate
-            late = solution.symbols["der(signal.tau)"] = ca.SX.sym("der(signal.tau)")
-            values["dtau"] = -values["delay"] * late
-        outputs = [o for o in additions(library, effect) if o in values and not values[o].is_zero()]
+        if effect.channel:  # adds to a record what it has not caught up with yet
+            solution.symbols[AHEAD] = ca.SX.sym(AHEAD)
+            values["dtau"] = -solution.symbols[AHEAD]
+        outputs = [o for o in [*additions(library, effect), "delay"] if o in values and not values[o].is_zero()]
         y = ca.vertcat(*[values[o] for o in outputs])
         states = solution.states
         rates = ca.vertcat(*[values[flat.derivatives[s]] for s in states]) if states else ca.SX(0, 1)
@@ -114,7 +115,8 @@ class Contribution:
 
     def __init__(self, library, effect):
         self.effect, self.question = effect, effect_question(library, effect)
-        q = self.question
+        q = self.whole = self.question
+        self.question = q = q.select([o for o in q.outputs if o != "delay"])
         self.defaults = {n: v.value for n, v in q.variables.items()}
         u, x, p = q.symbols()
         y = q.output(u, x, p)
@@ -125,6 +127,12 @@ class Contribution:
             self.coefficients.insert(0, next(iter(effect.scan)))
             parts.insert(0, whole)
         self.function = ArrayFunction(ca.Function("contribution", [u, x, p], [ca.densify(ca.cse(v)) for v in parts]))
+
+    def delay(self, grid):
+        """Delay of a channel effect at a grid point [s]."""
+        values = {**self.defaults, **grid}
+        chosen = self.whole.select(["delay"])
+        return ArrayFunction(chosen.output)([0.0] * len(chosen.inputs) + [values[p] for p in chosen.parameters], 1)[0, 0]
 
     def __call__(self, signals, states, grid, n):
         """Additions, shape (coefficients, ports, n)."""
@@ -206,7 +214,7 @@ class Table:
         self.full = {**d.signals, **d.measured, **d.segment_signals(q, self.fit.parameters, names, None, d.exogenous())}
         self.takes = [take for _, _, take in d._picks(d.view(self.part))]
 
-    def port_signals(self, effect, component, take=None, partner=None):
+    def port_signals(self, effect, component, take=None, partner=None, delay=0.0):
         """Signals that an effect reads at a component, at all samples or at those of a term."""
         found = {"time": None if self.dataset.averaged else self.dataset.time}
         for connector in effect.connectors:
@@ -215,7 +223,8 @@ class Table:
         found["flange.phi"] = self.full.get(f"{component}.phi")
         found["der(der(flange.phi))"] = self.full.get(f"der(der({component}.phi))")
         if effect.channel:
-            found["der(signal.tau)"] = rate(self.dataset.time, found["signal.tau"], self.dataset.run)
+            now, d = found["signal.tau"], self.dataset
+            found[AHEAD] = None if now is None else now - shift(d.time, now, -delay, d.run)
         found.update({i: self.full.get(i) for i in effect.inputs})
         if take is None:
             return found
@@ -230,12 +239,23 @@ class Table:
                  for v in (kinds[port].potentials if port in kinds else ())}
         if f"{connector}.f0" in found:
             found[f"{connector}.f0"] = max(self.fit.parameters.get(f"{component}.f0", 0.0), self.least_loss(component))
+        if found.get(f"{connector}.mu") is not None:
+            found[f"{connector}.mu"] = np.minimum(found[f"{connector}.mu"], self.most_efficient(component))
         return found
+
+    def reads(self, effect):
+        """What an effect reads of the ports of its place."""
+        return {n.partition(".")[2] for n in effect_question(self.library, catalogue(self.library)[effect]).inputs}
 
     def least_loss(self, component):
         """Loss below which an effect relative to it could not be seen; a missing effect can press f0 to zero."""
         v = self.fit.variables.get(f"{component}.f0")
         return 0.2 * v.nominal if v is not None else 0.0
+
+    def most_efficient(self, component):
+        """Efficiency above which an effect on the load term could not be seen; a missing one can press mu to one."""
+        v = self.fit.variables.get(f"{component}.mu")
+        return 1 - 0.5 * v.nominal if v is not None and v.name in self.fit.free else 1.0
 
     # ---- which candidates
 
@@ -276,6 +296,8 @@ class Table:
         time = self.time
         values = {"time": np.geomspace(max(np.ptp(time) / 40, 0.5), max(2 * np.ptp(time), 1.0), 7),
                   "quadrature": np.array([0.0, np.pi / 2])}
+        if len(self.dataset.time) > 1:
+            values["delay"] = np.median(np.diff(self.dataset.time)) * np.geomspace(0.25, 32, 22)
         angles = [v for n, v in self.full.items() if n.endswith(".beside.phi")]
         if angles:  # where a spring has no torque, in the workspace or beyond; alike for all joints, which may share it
             low, high = min(v.min() for v in angles), max(v.max() for v in angles)
@@ -329,13 +351,14 @@ class Table:
         total, probes = 0.0, additions(self.library, contribution.effect)
         states = np.zeros((len(q.states), len(self.dataset.time)))
         grid = {**self.dataset.means(contribution.effect), **grid}
+        delay = contribution.delay(grid) if contribution.effect.channel else 0.0
         if q.states:
             values = {**contribution.defaults, **grid}
             states, _ = propagate(q, self.port_signals(contribution.effect, component, None, partner), self.dataset.time,
                                   values, self.dataset.run)
         for take, response in zip(self.takes, self.responses):
             n = response.shape[2]
-            signals = self.port_signals(contribution.effect, component, take, partner)
+            signals = self.port_signals(contribution.effect, component, take, partner, delay)
             added = contribution(signals, [take(s)[::self.thin] for s in states], grid, n)
             part = 0.0
             for k, port in enumerate(q.outputs):

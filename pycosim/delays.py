@@ -1,21 +1,22 @@
 """Signals as they were recorded and a model with delays in; the signals at the time they tell of out.
 
-A delay is undone exactly, by moving the record in time: band-limited interpolation of evenly spaced samples, a cubic
-spline of others. The model's function then needs only the derivative by the delay, which is the signal's rate.
+A delay is undone exactly, by moving the record in time along a cubic spline. The model's function then needs only the
+derivative by the delay, which is the slope of the spline.
 """
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from .compile import ArrayFunction
 
-TAPS = 8  # samples on each side; fewer would take noise away with every fraction of a sample, and look like a better fit
-_BETA = 5.0  # of the Kaiser window
+_LEAST = 8  # samples of a log that is moved
 
 
-def undo(question, signals, time, run, parameters, smooth=None):
+def undo(question, signals, time, run, parameters, rest=None):
     """Signals of a question with their delays undone.
 
     Parameters
@@ -25,8 +26,9 @@ def undo(question, signals, time, run, parameters, smooth=None):
         As recorded.
     time, run : ndarray, shape (n,)
     parameters : dict of str to float
-    smooth : dict of str to ndarray, optional
-        The same without noise; its rates are the derivative by the delay.
+    rest : dict of str to ndarray, optional
+        Noise alike that of the signals. A spline takes noise away between samples, which would look like a better fit;
+        as much of it is put back.
 
     Returns
     -------
@@ -35,59 +37,49 @@ def undo(question, signals, time, run, parameters, smooth=None):
     """
     if not question.late:
         return signals
-    smooth, found = smooth or signals, dict(signals)
+    found = dict(signals)
     chosen = question.select(list(question.late.values()))
     values = ArrayFunction(chosen.output)([0.0] * (len(chosen.inputs) + len(chosen.states))
                                           + [float(parameters[n]) for n in chosen.parameters], 1)[:, 0]
     for name, delay in zip(question.late, values):
         found[name] = shift(time, signals[name], delay, run)
-        found[f"der({name})"] = rate(time, shift(time, smooth[name], delay, run), run)
+        found[f"der({name})"] = shift(time, signals[name], delay, run, 1)
         found[f"at({name})"] = float(delay)
+        if rest:
+            step = float(np.median(np.diff(time)))
+            found[name] = found[name] + np.sqrt(1 - kept(round(delay / step % 1, 6))) * rest[name]
     return found
 
 
-def rate(time, values, run):
-    """Time derivative of a signal, log by log: ndarray, shape (n,)."""
-    result = np.zeros(len(time))
-    for k in np.unique(run):
-        part = run == k
-        if part.sum() > 2:
-            result[part] = np.gradient(values[part], time[part])
-    return result
+@cache
+def kept(fraction):
+    """Share of the power of white noise that a cubic spline keeps at a fraction of a sample."""
+    impulse = np.zeros(41)
+    impulse[20] = 1.0
+    return min(1.0, float((CubicSpline(np.arange(41), impulse)(np.arange(5, 35) + fraction) ** 2).sum()))
 
 
-def shift(time, values, later, run):
-    """Values of a signal at later times, log by log; beyond the end its last value.
+def shift(time, values, later, run, order=0):
+    """Values of a signal at later times, log by log; beyond its ends the nearest value.
 
     Parameters
     ----------
     time, values, run : ndarray, shape (n,)
     later : float
         [s]
+    order : int
+        1 for the slope instead.
 
     Returns
     -------
     ndarray, shape (n,)
     """
-    if later == 0:
+    if later == 0 and not order:
         return values
-    result = values.copy()
+    result = np.zeros(len(values)) if order else values.copy()
     for k in np.unique(run):
         part = run == k
-        t, v = time[part], values[part]
-        if len(t) > 2 * TAPS:
-            step = np.diff(t)
-            even = np.ptp(step) < 1e-3 * step.mean()
-            result[part] = _even(v, later / step.mean()) if even else CubicSpline(t, v)(np.minimum(t + later, t[-1]))
+        t = time[part]
+        if len(t) >= _LEAST:
+            result[part] = CubicSpline(t, values[part])(np.clip(t + later, t[0], t[-1]), order)
     return result
-
-
-def _even(values, samples):
-    """Values a number of samples later, by a windowed sinc."""
-    whole = int(np.floor(samples))
-    k = np.arange(1 - TAPS, TAPS + 1)
-    x = samples - whole - k
-    weight = np.sinc(x) * np.i0(_BETA * np.sqrt(np.maximum(1 - (x / TAPS) ** 2, 0))) / np.i0(_BETA)
-    index = np.arange(len(values)) + whole
-    padded = values[np.clip(index[:, None] + k, 0, len(values) - 1)]
-    return padded @ (weight / weight.sum())

@@ -572,6 +572,9 @@ def _refit_best(dataset, model, fit, scores, findings, usual, table):
             name = f"{component}.f0"
             if name in fit.free:
                 start[name] = max(start[name], table.least_loss(component))
+            name = f"{component}.mu"
+            if name in fit.free and "mu" in table.reads(finding.effect):
+                start[name] = min(start[name], table.most_efficient(component))
         try:
             finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding), most=TRIAL)
         except PycosimError:

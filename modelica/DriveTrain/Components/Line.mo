@@ -9,7 +9,7 @@ model Line "Path of a cable from its motor to the joint, and the angle that gets
 equation
   flange_a.phi = flange_b.phi "Small against the travel: it shows at the joint encoders alone";
   flange_a.tau = tau;
-  flange_b.tau = -tau;
+  flange_b.tau = -(tau - line.dtau);
   line.tau = tau;
   line.L = L;
   stretch = line.dphi;

@@ -9,4 +9,5 @@ connector Friction "Access to the law of a segment: what an effect may read, and
   flow Real df0(unit="N.m") "Added to the load-independent loss f0";
   flow Real ds(unit="1") "Added to the friction state s";
   flow Real dmu(unit="1") "Added to the efficiency mu";
+  flow Real dT(unit="N.m") "Added to the torque lost, s F, with a direction of its own";
 end Friction;

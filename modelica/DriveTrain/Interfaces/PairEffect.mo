@@ -7,4 +7,5 @@ equation
   partner.df0 = 0;
   partner.ds = 0;
   partner.dmu = 0;
+  partner.dT = 0;
 end PairEffect;
