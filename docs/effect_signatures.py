@@ -41,7 +41,8 @@ SHOWN = {
     "backlash": ("line1", {"gap": 0.02}, "encoder_H", "s1A.L"),
 }
 LABELS = {"s1A.w": "speed of 1A [rad/s]", "s1A.L": "load of 1A [N.m]", "s2A.L": "load of 2A [N.m]",
-          "motor1.phi": "angle of motor 1 [rad]", "q_H": "hip angle [rad]", "shank": "shank angle [rad]", "time": "time [s]",
+          "motor1.phi": "angle of motor 1 [rad]", "q_H": "hip angle [rad]", "shank": "shank angle [rad]",
+          "time": "time [s]",
           "temperature": "temperature [degC]", "motor1.tau": "torque of motor 1 [N.m]",
           "der(der(motor1.phi))": "acceleration of motor 1 [rad/s2]"}
 UNITS = {"encoder_H": "hip encoder [rad]", "C_H": "hip torque [N.m]", "hip.load": "hip torque [N.m]",

@@ -72,7 +72,7 @@ class Candidate:
 def additions(library, effect):
     """What an effect may add, and the parameter of the place's probe that stands for it."""
     found = {a: a for c in effect.ports if c in ports(library) for a in ports(library)[c].additions}
-    return {**found, "loss": "dtau"} if "dtau" in found else found  # a torque at the shaft reads like one in the channel
+    return {**found, "loss": "dtau"} if "dtau" in found else found  # torque at the shaft reads like one in the channel
 
 
 def effect_question(library, effect):
@@ -132,7 +132,8 @@ class Contribution:
         """Delay of a channel effect at a grid point [s]."""
         values = {**self.defaults, **grid}
         chosen = self.whole.select(["delay"])
-        return ArrayFunction(chosen.output)([0.0] * len(chosen.inputs) + [values[p] for p in chosen.parameters], 1)[0, 0]
+        arguments = [0.0] * len(chosen.inputs) + [values[p] for p in chosen.parameters]
+        return ArrayFunction(chosen.output)(arguments, 1)[0, 0]
 
     def __call__(self, signals, states, grid, n):
         """Additions, shape (coefficients, ports, n)."""
@@ -297,7 +298,7 @@ class Table:
         values = {"time": np.geomspace(max(np.ptp(time) / 40, 0.5), max(2 * np.ptp(time), 1.0), 7),
                   "quadrature": np.array([0.0, np.pi / 2])}
         if len(self.dataset.time) > 1:
-            values["delay"] = np.median(np.diff(self.dataset.time)) * np.geomspace(0.25, 32, 22)
+            values["delay"] = np.median(np.diff(self.dataset.time)) * np.geomspace(0.5, 32, 12)
         angles = [v for n, v in self.full.items() if n.endswith(".beside.phi")]
         if angles:  # where a spring has no torque, in the workspace or beyond; alike for all joints, which may share it
             low, high = min(v.min() for v in angles), max(v.max() for v in angles)
@@ -354,8 +355,8 @@ class Table:
         delay = contribution.delay(grid) if contribution.effect.channel else 0.0
         if q.states:
             values = {**contribution.defaults, **grid}
-            states, _ = propagate(q, self.port_signals(contribution.effect, component, None, partner), self.dataset.time,
-                                  values, self.dataset.run)
+            signals = self.port_signals(contribution.effect, component, None, partner)
+            states, _ = propagate(q, signals, self.dataset.time, values, self.dataset.run)
         for take, response in zip(self.takes, self.responses):
             n = response.shape[2]
             signals = self.port_signals(contribution.effect, component, take, partner, delay)

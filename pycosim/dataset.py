@@ -118,7 +118,7 @@ class Dataset:
             speed = angle.removesuffix(".phi") + ".w"
             self.signals[name] = self.measured.get(speed, first) if angle.endswith(".phi") else first
             self.signals[f"der({name})"] = second
-        read = {n for effect in catalogue(self.library).values() for n in effect.measured}  # by effects not attached yet
+        read = {n for effect in catalogue(self.library).values() for n in effect.measured}  # effects may come yet
         for name in [*self.question.inputs, *sorted(read)]:
             if name in self.measured:
                 self.signals.setdefault(name, self.measured[name])

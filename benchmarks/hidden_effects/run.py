@@ -44,7 +44,8 @@ def hide(effect, size, seed):
     rng = np.random.default_rng([seed, sum(map(ord, effect)), int(100 * size)])
     motion = rig.default_trajectory(rng)
     if effect == "backlash":  # shows only where the load changes its sign
-        motion = rig.six_manoeuvres((0.2, 0.4, 0.8, 1.6, 2.4), 2, start=(rig.CROSSING_START,), longest_pass=6.8, rng=rng)
+        motion = rig.six_manoeuvres((0.2, 0.4, 0.8, 1.6, 2.4), 2, start=(rig.CROSSING_START,), longest_pass=6.8,
+                                    rng=rng)
     machine = rig.random_machine(rng)
     if effect == "none":
         return machine, motion, [], rng

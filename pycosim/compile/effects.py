@@ -122,6 +122,10 @@ def snake(name):
 
 def _members(library, name):
     """Components of a class and its bases: name to (resolved class or builtin, prefixes)."""
+    return library.memo(("members", name), lambda: _members_of(library, name))
+
+
+def _members_of(library, name):
     members = {}
     for cls, node in reversed(list(library.bases(name))):
         scope = cls

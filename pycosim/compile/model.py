@@ -156,7 +156,7 @@ class Model:
         return list(dict.fromkeys(n for effect, _ in self.attached for n in effect.measured))
 
     def aliases(self, key):
-        """Entries ``a=b`` of the rig's annotation ``load`` or ``encoders``: a measured channel, and the output for it."""
+        """Entries of the rig's annotation ``load`` or ``encoders``: a measured channel, and the output for it."""
         return dict(pair.split("=") for pair in self.notes.get(key, "").split())
 
     def alternatives(self, name):
@@ -211,7 +211,8 @@ class Model:
         members = ("phi", "w", "a", "tau", "tau_shaft", "v", "i")
         inner = [n for n in flat.variables if n.count(".") == 1 and n.endswith(tuple(f".{m}" for m in members))]
         named = [n.partition(":")[0] for key in ("load", "encoders") for n in self.aliases(key).values()]
-        outputs = list(dict.fromkeys([n for n in [*wanted, *extra, *top, *inner, *named] if n in values and n not in known]))
+        every = dict.fromkeys([*wanted, *extra, *top, *inner, *named])
+        outputs = [n for n in every if n in values and n not in known]
         late = self._late(known, values)
         outputs += [n for n in late.values() if n not in outputs]
         values = {**values, **self._shifted(late, values, outputs, solution.symbols)}

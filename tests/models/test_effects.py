@@ -70,7 +70,7 @@ def test_cross_load_is_the_friction_of_the_partners_load_both_ways(place):
 def test_load_hysteresis_is_the_load_term_with_its_own_state():
     time = np.linspace(0, 6, 3001)
     angle = np.sin(time)
-    signals = {"motor1.phi": angle, "motor2.phi": -0.4 * angle, "motor1.tau": 1.0 + 0 * time, "motor2.tau": 0.5 + 0 * time}
+    signals = {"motor1.phi": angle, "motor2.phi": -0.4 * angle, "motor1.tau": 1.0, "motor2.tau": 0.5}
     given = {"load_hysteresis_1A.h": 0.3, "load_hysteresis_1A.mu_dif": 0.02}
     y = estimate(compile_model(LIBRARY, RIG, [("load_hysteresis", "1A")]), signals, time, given)
     z = np.zeros(len(time))

@@ -1,4 +1,4 @@
-"""An effect that a user wrote beside their study takes part in everything: places, diagnosis, fit, and the next study."""
+"""An effect that a user wrote beside their study takes part in everything: places, diagnosis, fit, next study."""
 
 import json
 from dataclasses import replace
