@@ -82,7 +82,8 @@ def case(job):
         datasets = []
         for name, effects in (("with", hidden), ("without", [])):
             path = Path(folder) / f"{name}.csv"
-            rig.write_csv(rig.measure(machine, motion, effects, rng=seed), path)
+            extra = ("q",) if effect in ("cable_compliance", "backlash") else ()
+            rig.write_csv(rig.measure(machine, motion, effects, rng=seed, extra=extra), path)
             datasets.append(Dataset(given.with_data([path]), library))
     data, clean = datasets
     start = time.perf_counter()
