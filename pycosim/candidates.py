@@ -14,14 +14,16 @@ import casadi as ca
 import numpy as np
 
 from . import cache
-from .compile import ArrayFunction, catalogue, compile_model, places, solve
+from .compile import ArrayFunction, catalogue, compile_model, places, potentials, solve
+from .compile.effects import PARTNER, ports
 from .compile.model import Question, _dump, _load
+from .delays import shift
 from .noise import contiguous
 from .residuals import Residuals
 from .states import propagate
 
-_PROBE = {"dF": "dF", "df0": "df0", "ds": "ds", "dmu": "dmu", "dtau": "dtau", "loss": "dtau"}  # addition to probe
 CYCLES = 20.0  # highest number of cycles a revolution that is searched
+AHEAD = "ahead(signal.tau)"  # by how much a torque is ahead of its record
 _LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
 
 
@@ -58,6 +60,12 @@ class Candidate:
         return self.effect.id, self.place.name
 
 
+def additions(library, effect):
+    """What an effect may add, and the parameter of the place's probe that stands for it."""
+    found = {a: a for c in effect.ports if c in ports(library) for a in ports(library)[c].additions}
+    return {**found, "loss": "dtau"} if "dtau" in found else found  # torque at the shaft reads like one in the channel
+
+
 def effect_question(library, effect):
     """An effect's own equation: state of its ports in, additions out.
 
@@ -69,13 +77,14 @@ def effect_question(library, effect):
         flat = library.flatten(effect.model)
         open_ports = tuple(f"{c}." for c in effect.connectors)  # a class by itself has its flows set to zero
         flat.equations = [e for e in flat.equations if not (e.is_symbolic() and e.name().startswith(open_ports))]
-        potentials = [f"{c}.{m}" for c, members in (("friction", ("w", "L", "s", "f0")), ("signal", ("tau",)),
-                                                    ("flange", ("phi",)))
-                      if c in effect.connectors for m in members]
-        known = [*potentials, *effect.inputs]
+        known = [*(f"{c}.{m}" for c, kind in effect.connectors.items() for m in potentials(library, kind)),
+                 *effect.inputs]
         solution = solve(flat, known)
         values = solution.values
-        outputs = [o for o in _PROBE if o in values and not values[o].is_zero()]
+        if effect.channel:  # adds to a record what it has not caught up with yet
+            solution.symbols[AHEAD] = ca.SX.sym(AHEAD)
+            values["dtau"] = -solution.symbols[AHEAD]
+        outputs = [o for o in [*additions(library, effect), "delay"] if o in values and not values[o].is_zero()]
         y = ca.vertcat(*[values[o] for o in outputs])
         states = solution.states
         rates = ca.vertcat(*[values[flat.derivatives[s]] for s in states]) if states else ca.SX(0, 1)
@@ -97,16 +106,25 @@ class Contribution:
 
     def __init__(self, library, effect):
         self.effect, self.question = effect, effect_question(library, effect)
-        q = self.question
+        q = self.whole = self.question
+        self.question = q = q.select([o for o in q.outputs if o != "delay"])
         self.defaults = {n: v.value for n, v in q.variables.items()}
         u, x, p = q.symbols()
         y = q.output(u, x, p)
-        self.coefficients = list(effect.size) or [next(iter(effect.scan))]
-        if effect.size:
-            parts = [ca.jacobian(y, p[q.parameters.index(c)]) for c in effect.size]
-        else:  # an effect without amplitude: its addition at the grid point itself
-            parts = [y]
+        sizes = [p[q.parameters.index(c)] for c in effect.size]
+        whole = ca.substitute(y, ca.vertcat(*sizes), [self.defaults[c] for c in effect.size]) if sizes else y
+        self.coefficients, parts = list(effect.size), [ca.jacobian(y, size) for size in sizes]
+        if effect.scan and not _vanishes(whole):  # what has no amplitude: its addition at the grid point itself
+            self.coefficients.insert(0, next(iter(effect.scan)))
+            parts.insert(0, whole)
         self.function = ArrayFunction(ca.Function("contribution", [u, x, p], [ca.densify(ca.cse(v)) for v in parts]))
+
+    def delay(self, grid):
+        """Delay of a channel effect at a grid point [s]."""
+        values = {**self.defaults, **grid}
+        chosen = self.whole.select(["delay"])
+        arguments = [0.0] * len(chosen.inputs) + [values[p] for p in chosen.parameters]
+        return ArrayFunction(chosen.output)(arguments, 1)[0, 0]
 
     def __call__(self, signals, states, grid, n):
         """Additions, shape (coefficients, ports, n)."""
@@ -114,6 +132,14 @@ class Contribution:
         values = {**self.defaults, **grid}
         arguments = [signals[i] for i in q.inputs] + list(states) + [values[p] for p in q.parameters]
         return self.function(arguments, n).reshape(len(self.coefficients), len(q.outputs), n)
+
+
+def _vanishes(expression):
+    """Whether an expression is zero whatever its variables, by numbers."""
+    names = ca.symvar(expression)
+    value = ca.Function("value", names, [ca.densify(expression)])
+    points = np.random.default_rng(0).uniform(0.2, 0.9, (4, len(names)))
+    return all(np.abs(np.array(value.call([ca.DM(v) for v in p])[0])).max() < 1e-12 for p in points)
 
 
 def grids(effect, scan_values):
@@ -173,22 +199,25 @@ class Table:
         """Signals of the ports at the samples of each term."""
         d, q = self.dataset, self.model
         segments, motors = q.components("friction"), q.components("signal")
-        names = [f"{c}.{v}" for c in segments for v in ("w", "L", "s")]
-        names += [f"{c}.{v}" for c in motors for v in ("tau_shaft", "phi")]
+        names = [f"{c}.{v}" for c in segments for v in ("w", "L", "s")] + [f"{c}.phi" for c in motors]
+        names += [f"{c}.{port}.{v}" for port, kind in ports(self.library).items() for c in q.components(port)
+                  for v in kind.potentials]
         names += sorted({i for e in catalogue(self.library).values() for i in e.inputs})
         self.full = {**d.signals, **d.measured, **d.segment_signals(q, self.fit.parameters, names, None, d.exogenous())}
-        self._kept = {}
+        self._kept, self._own = {}, {id(v) for v in (d.time, *self.full.values())}
         self.takes = [take for _, _, take in d._picks(d.view(self.part))]
 
-    def port_signals(self, effect, component, term=None):
+    def port_signals(self, effect, component, term=None, partner=None, delay=0.0):
         """Signals that an effect reads at a component, at all samples or at those of a term."""
         found = {"time": None if self.dataset.averaged else self.dataset.time}
-        for member, source in (("w", "w"), ("L", "L"), ("s", "s")):
-            found[f"friction.{member}"] = self.full.get(f"{component}.{source}")
-        found["friction.f0"] = max(self.fit.parameters.get(f"{component}.f0", 0.0), self.least_loss(component))
-        found["signal.tau"] = self.full.get(f"{component}.tau_shaft")
+        for connector in effect.connectors:
+            found.update(self._potentials(connector, effect, component if partner is None or connector != PARTNER
+                                          else partner))
         found["flange.phi"] = self.full.get(f"{component}.phi")
         found["der(der(flange.phi))"] = self.full.get(f"der(der({component}.phi))")
+        if effect.channel:
+            now, d = found["signal.tau"], self.dataset
+            found[AHEAD] = None if now is None else now - shift(d.time, now, -delay, d.run)
         found.update({i: self.full.get(i) for i in effect.inputs})
         if term is None:
             return found
@@ -196,15 +225,39 @@ class Table:
 
     def _taken(self, term, values):
         """A signal at the samples of a term; most are asked for by many candidates."""
+        if id(values) not in self._own:
+            return self.takes[term](values)[::self.thin]
         key = term, id(values)
         if key not in self._kept:
-            self._kept[key] = values, self.takes[term](values)[::self.thin]  # held, so that the identity stays its own
-        return self._kept[key][1]
+            self._kept[key] = self.takes[term](values)[::self.thin]
+        return self._kept[key]
+
+    def _potentials(self, connector, effect, component):
+        """What a connector of an effect offers at a component."""
+        kinds = ports(self.library)
+        port = connector if connector in kinds else next(
+            (p for p in effect.ports if effect.connectors[p] == effect.connectors[connector]), connector)
+        found = {f"{connector}.{v}": self.full.get(f"{component}.{port}.{v}")
+                 for v in (kinds[port].potentials if port in kinds else ())}
+        if f"{connector}.f0" in found:
+            found[f"{connector}.f0"] = max(self.fit.parameters.get(f"{component}.f0", 0.0), self.least_loss(component))
+        if found.get(f"{connector}.mu") is not None:
+            found[f"{connector}.mu"] = np.minimum(found[f"{connector}.mu"], self.most_efficient(component))
+        return found
+
+    def reads(self, effect):
+        """What an effect reads of the ports of its place."""
+        return {n.partition(".")[2] for n in effect_question(self.library, catalogue(self.library)[effect]).inputs}
 
     def least_loss(self, component):
         """Loss below which an effect relative to it could not be seen; a missing effect can press f0 to zero."""
         v = self.fit.variables.get(f"{component}.f0")
         return 0.2 * v.nominal if v is not None else 0.0
+
+    def most_efficient(self, component):
+        """Efficiency above which an effect on the load term could not be seen; a missing one can press mu to one."""
+        v = self.fit.variables.get(f"{component}.mu")
+        return 1 - 0.5 * v.nominal if v is not None and v.name in self.fit.free else 1.0
 
     # ---- which candidates
 
@@ -230,7 +283,9 @@ class Table:
     def _missing(self, effect, place):
         """Signals that the effect reads and that the log does not give."""
         needed = effect_question(self.library, effect).inputs
-        return [n for c in place.components for n, v in self.port_signals(effect, c).items() if n in needed and v is None]
+        return [n for c in place.components
+                for n, v in self.port_signals(effect, c, None, place.partner(effect, c)).items()
+                if n in needed and v is None]
 
     def scan_values(self, component):
         """Grids for coefficients that vanish with their effect, from what the data cover."""
@@ -243,6 +298,12 @@ class Table:
         time = self.time
         values = {"time": np.geomspace(max(np.ptp(time) / 40, 0.5), max(2 * np.ptp(time), 1.0), 7),
                   "quadrature": np.array([0.0, np.pi / 2])}
+        if len(self.dataset.time) > 1:
+            values["delay"] = np.median(np.diff(self.dataset.time)) * np.geomspace(0.5, 32, 12)
+        angles = [v for n, v in self.full.items() if n.endswith(".beside.phi")]
+        if angles:  # where a spring has no torque, in the workspace or beyond; alike for all joints, which may share it
+            low, high = min(v.min() for v in angles), max(v.max() for v in angles)
+            values["angle"] = np.linspace(2 * low - high, 2 * high - low, 11)
         speed = self.full.get(f"{component}.w")
         if speed is not None:
             speed = np.abs(view(speed))
@@ -260,13 +321,14 @@ class Table:
             contribution = self.contribution(effect)
             for number, grid in enumerate(grids(effect, self.scan_values(place.components[0]))):
                 for component in place.components:
-                    key = (effect.id, component, number)
+                    partner = place.partner(effect, component)
+                    key = (effect.id, component, partner, number)
                     if key not in index:
                         own = grids(effect, self.scan_values(component))[number]
                         index[key] = len(self.columns)
-                        self.columns.extend(self.column(contribution, component, own))
+                        self.columns.extend(self.column(contribution, component, own, partner))
                 d = len(contribution.coefficients)
-                starts = [index[(effect.id, c, number)] for c in place.components]
+                starts = [index[(effect.id, c, place.partner(effect, c), number)] for c in place.components]
                 parts = [[s + k for s in starts] for k in range(d)]
                 self.candidates.append(self.candidate(contribution, place, grid, parts))
 
@@ -277,30 +339,30 @@ class Table:
     def candidate(self, contribution, place, grid, parts):
         """A candidate with the bounds of its coefficients."""
         effect, described = contribution.effect, contribution.question.variables
-        if effect.size:
-            at = [described[c] for c in effect.size]
-            lower = np.array([v.min - v.value for v in at])
-            upper = np.array([v.max - v.value for v in at])
-        else:
-            lower, upper = np.array([0.0]), np.array([2.0])
+        bounds = [(0.0, 2.0) if c in effect.scan else (described[c].min - described[c].value,
+                                                       described[c].max - described[c].value)
+                  for c in contribution.coefficients]
+        lower, upper = np.array(bounds).T
         return Candidate(effect, place, grid, parts, contribution.coefficients, lower, upper)
 
-    def column(self, contribution, component, grid):
+    def column(self, contribution, component, grid, partner=None):
         """Columns of an effect at a component: ndarray, shape (coefficients, channels, n)."""
         q = contribution.question
-        total = 0.0
+        total, probes = 0.0, additions(self.library, contribution.effect)
         states = np.zeros((len(q.states), len(self.dataset.time)))
+        grid = {**self.dataset.means(contribution.effect), **grid}
+        delay = contribution.delay(grid) if contribution.effect.channel else 0.0
         if q.states:
             values = {**contribution.defaults, **grid}
-            states, _ = propagate(q, self.port_signals(contribution.effect, component), self.dataset.time, values,
-                                  self.dataset.run)
+            signals = self.port_signals(contribution.effect, component, None, partner)
+            states, _ = propagate(q, signals, self.dataset.time, values, self.dataset.run)
         for term, response in enumerate(self.responses):
             n = response.shape[2]
-            signals = self.port_signals(contribution.effect, component, term)
-            additions = contribution(signals, [self.takes[term](s)[::self.thin] for s in states], grid, n)
+            signals = self.port_signals(contribution.effect, component, term, partner, delay)
+            added = contribution(signals, [self.takes[term](s)[::self.thin] for s in states], grid, n)
             part = 0.0
             for k, port in enumerate(q.outputs):
-                probe = self.probes.index(f"probe_{component}.{_PROBE[port]}")
-                part = part + additions[:, k][:, None, :] * response[None, :, probe]
+                probe = self.probes.index(f"probe_{component}.{probes[port]}")
+                part = part + added[:, k][:, None, :] * response[None, :, probe]
             total = total + part
         return total

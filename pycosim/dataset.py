@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from . import segmentation
-from .compile import ArrayFunction, compile_model, component_name
+from .compile import ArrayFunction, catalogue, compile_model, component_name
+from .delays import undo
 from .errors import DataError
 from .measurements import default_window, derivatives, load, require, resolution
 from .noise import contiguous
@@ -69,15 +70,28 @@ class Dataset:
         if balanced:  # what the leg's model asks for beyond the transmission's torque is the error
             self.asked, forms = "balance", self.base.alternatives("balance")
         self.outputs, self.known = forms[self.form]
+        self._choose_outputs(named, balanced, have)
         self.question = self.ask(self.base)
+
+    def _choose_outputs(self, named, balanced, have):
+        """Channels, and which variables of the model stand for them."""
         self.channels = [f"{c}_pair" for c in named] if self.paired else list(named)
+        self.aliases, self.zeros = {}, []
+        if not balanced and self.study.reference != "sensor":  # a computed reference knows the load alone
+            self.aliases = self.base.aliases("load")
+        for channel, reading in self.base.aliases("encoders").items():
+            if channel in have and not self.paired:
+                self.aliases[channel], _, zero = reading.partition(":")
+                self.outputs = [*self.outputs, channel]
+                self.channels.append(channel)
+                self.zeros.append(zero)
 
     def ask(self, model):
         """The question that a model of this rig is asked about these data.
 
         On moving samples a segment's own state is at its limit, at rest, so that its damping adds nothing.
         """
-        question = model.question(self.asked, self.form)
+        question = model.question(self.asked, self.form, tuple(self.aliases.items()))
         return question.fixed({n: 0.0 for n in (f"{c}.damping" for c in model.segments) if n in question.parameters})
 
     def _gather(self):
@@ -108,7 +122,8 @@ class Dataset:
             speed = angle.removesuffix(".phi") + ".w"
             self.signals[name] = self.measured.get(speed, first) if angle.endswith(".phi") else first
             self.signals[f"der({name})"] = second
-        for name in self.question.inputs:
+        read = {n for effect in catalogue(self.library).values() for n in effect.measured}  # effects may come yet
+        for name in [*self.question.inputs, *sorted(read)]:
             if name in self.measured:
                 self.signals.setdefault(name, self.measured[name])
 
@@ -124,7 +139,7 @@ class Dataset:
         if states is None:
             states = self.states(model, parameters)[0]
         chosen = question.select(names)
-        signals = self.signals if signals is None else signals
+        signals = self.undelayed(question, parameters, signals)
         arguments = ([signals.get(n, 0.0) for n in chosen.inputs] + list(states)
                      + [float(parameters[n]) for n in chosen.parameters])
         values = ArrayFunction(chosen.output)(arguments, len(self.time))
@@ -149,6 +164,20 @@ class Dataset:
                 states[k] = np.sign(self.speeds[list(model.segments).index(component)])
                 sensitivities[:, k] = 0.0
         return states, sensitivities
+
+    def undelayed(self, question, parameters, signals=None):
+        """Signals at the times they tell of, for a model that delays their record; else as recorded."""
+        signals = self.signals if signals is None else signals
+        if not question.late:
+            return signals
+        rest = {n: self._roughness(self.signals[n]) for n in question.late} if signals is self.signals else None
+        return undo(question, signals, self.time, self.run, parameters, rest)
+
+    def _roughness(self, values):
+        """What changes from sample to sample within passes, as strong as its white noise, at every sample."""
+        third = np.diff(values, 3) / np.sqrt(20)
+        inside = (self.passes[3:] >= 0) & (self.passes[3:] == self.passes[:-3])
+        return np.roll(np.resize(third[inside], len(values)), len(values) // 3)  # that of other samples
 
     def exogenous(self):
         """Signals with every measured torque replaced by what the motion alone predicts of it.
@@ -192,7 +221,8 @@ class Dataset:
         noisy = [k for k in self.known if k in self.signals and k in question.inputs and not k.endswith((".phi", ".w"))]
         view = self.view(part)
         total = np.zeros((len(self.outputs), len(self._picks(view)[0][1])))
-        signals, (states, _) = self.exogenous(), self.states(model, parameters)
+        signals, (states, _) = self.undelayed(self.ask(model), parameters, self.exogenous()), self.states(
+            model, parameters)
         for name in noisy:
             slope = ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(ca.jacobian(
                 y, u[question.inputs.index(name)]))]))
@@ -326,7 +356,9 @@ class Dataset:
             if key not in cached:
                 states, sensitivities = self.states(model, values, with_respect_to)
                 cached.clear()
-                cached[key] = [Term(weight, {n: take(v) for n, v in signals.items() if n in read}, take(states),
+                moved = self.undelayed(question, values, signals)
+                cached[key] = [Term(weight, {n: take(v) if isinstance(v, np.ndarray) else v
+                                             for n, v in moved.items() if n in read}, take(states),
                                     take(sensitivities)) for weight, _, take in picks]
             return cached[key]
 
@@ -368,15 +400,24 @@ class Dataset:
                 angle = self.signals.get(f"{place.components[0]}.phi")
                 if angle is not None and np.ptp(angle) > 0:
                     found[name] = replace(found[name], min=max(found[name].min, 2 * np.pi / np.ptp(angle)))
+            for name, mean in self.means(effect).items():
+                name = f"{component_name(effect, place)}.{name}"
+                if name not in self.study.parameters:
+                    found[name] = replace(found[name], value=mean)
         return found
+
+    def means(self, effect):
+        """Parameters of an effect that stand for the mean of something measured."""
+        return {n: float(self.measured[v].mean()) for n, v in effect.means.items() if v in self.measured}
 
     def values(self, model):
         """Values that the study sets."""
         return {n: s.value for n, s in self.study.parameters.items() if s.value is not None and n in model.parameters}
 
     def free(self, model):
-        """Free parameters: those the study names and does not fix, and the coefficients of attached effects."""
+        """Free parameters: those the study names and does not fix, encoder zeros, and the attached effects' own."""
         named = [n for n, s in self.study.parameters.items() if s.fixed is False and n in model.parameters]
+        named += [n for n in self.zeros if n not in self.study.parameters]
         for effect, place in model.attached:
             named += [n for n in model.effect_parameters(effect, place)
                       if n not in named and not (self.study.parameters.get(n) and self.study.parameters[n].fixed)]

@@ -304,7 +304,7 @@ class Scores:
         least = 5e-3 if self.table.dataset.paired else 1e-6
         if np.min(diagonal / np.maximum(np.diag(full), 1e-300)) < least or np.linalg.cond(inner) > 1e12:
             return False
-        if not candidate.effect.size:
+        if candidate.names[0] in candidate.effect.scan:
             return True
         spread = np.sqrt(self.variance / diagonal)
         nominal = self.table.contribution(candidate.effect).question.variables[candidate.names[0]].nominal
@@ -564,8 +564,8 @@ def _start(candidate, coefficients):
     if candidate.extra.get("scanned"):
         values[candidate.names[0]] = float(np.hypot(*coefficients))
         values[candidate.extra["phase"]] = float(np.arctan2(coefficients[1], coefficients[0]))
-    elif effect.size:
-        values.update(zip(candidate.names, map(float, coefficients)))
+    else:
+        values.update({n: float(v) for n, v in zip(candidate.names, coefficients) if n not in effect.scan})
     return {f"{base}.{n}": v for n, v in values.items()}
 
 
@@ -593,6 +593,9 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
         name = f"{component}.f0"
         if name in fit.free:
             start[name] = max(start[name], table.least_loss(component))
+        name = f"{component}.mu"
+        if name in fit.free and "mu" in table.reads(finding.effect):
+            start[name] = min(start[name], table.most_efficient(component))
     try:
         finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding), most=TRIAL)
     except PycosimError:

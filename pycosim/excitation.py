@@ -52,6 +52,9 @@ def definite(table, place, needs):
         load = table.full.get(f"{component}.L")
         table._one_load[component] = load is not None and _constant(load[table.dataset.moving])
     one = {**table._definite, "loads": ("one load only", table._one_load[component])}
+    load = table.full.get(f"{component}.line.L")
+    if load is not None:
+        one["load_signs"] = ("the load keeps its sign", np.ptp(np.sign(load[table.dataset.moving])) == 0)
     return next((reason for need in needs.split() for reason, holds in [one.get(need, ("", False))] if holds), None)
 
 
@@ -61,6 +64,11 @@ def _coverage(d):
     signs = np.sign(d.speeds[:, d.moving])
     one_way = bool((signs.min(1) == signs.max(1)).all())
     return {
+        "load_reference": ("a torque sensor reads what the joint takes, whatever takes it",
+                           d.study.reference == "sensor") if not d.paired else
+                          ("what depends on the angles alone cancels between a pass and its way back", True),
+        "joint_encoders": ("no joint encoder", not d.zeros),
+        "temperatures": ("one temperature only", np.ptp(d.measured.get("temperature", np.zeros(2))) < 0.5),
         "speeds": ("one speed only", not d.averaged and np.ptp(np.log(np.quantile(moving, [0.2, 0.95]))) < 0.2),
         "directions": ("one direction only", one_way),
         "reversals": ("no reversals", one_way or len(np.unique(d.passes[d.passes >= 0])) < 2),

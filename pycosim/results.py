@@ -168,6 +168,9 @@ def improved_study(study, model, fit):
         old, variable = settings.get(name, Setting(fixed=False)), fit.variables[name]
         value = min(max(float(f"{fit.parameters[name]:.9g}"), variable.min), variable.max)
         settings[name] = replace(old, value=value)
+    for effect, place in model.attached:  # other logs have other means, and would make other coefficients of the fitted
+        for name in (f"{component_name(effect, place)}.{n}" for n in effect.means):
+            settings[name] = Setting(value=float(f"{fit.parameters[name]:.9g}"), fixed=True)
     return replace(study, effects=[(e.id, p.name) for e, p in model.attached], parameters=settings)
 
 

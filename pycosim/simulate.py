@@ -13,6 +13,7 @@ import numpy as np
 
 
 from .compile import ArrayFunction, solve
+from .delays import undo
 from .errors import DataError, ModelicaError, UnknownNameError, closest
 from .states import propagate
 from .stepping import TOLERANCE, System, steps
@@ -249,6 +250,9 @@ def _answer(model, name, form, signals, time, parameters):
     strange = set(signals) - set(question.inputs) - set(question.outputs)
     if strange:
         _check(sorted(strange), [*question.inputs, *model.flat.variables], f"variable of {model.rig}")
+    if question.late:
+        row = {n: _row(n, signals[n], len(time)) for n in question.late if n in signals}
+        signals = {**signals, **undo(question, row, time, np.zeros(len(time)), values)} if row else signals
     known = _known(model, name, question, signals, time)
     x = propagate(question, known, time, values)[0]
     p = [values[n] for n in question.parameters]

@@ -18,12 +18,12 @@ from .errors import ModelicaError
 
 
 def dependent_parameters(question):
-    """Names of the parameters that the friction states depend on."""
+    """Names of the parameters that the friction states, or the times at which signals are taken, depend on."""
     if "_dependent" not in question.__dict__:
         u, x, p = question.symbols()
-        used = {s.name() for s in ca.symvar(question.rate(u, x, p))}
-        question._dependent = [n for n, s in zip(question.parameters, ca.vertsplit(p))
-                               if question.states and s.name() in used]
+        late = question.select(list(question.late.values())).output(u, x, p)
+        used = {s.name() for s in ca.symvar(ca.vertcat(question.rate(u, x, p), late))}
+        question._dependent = [n for n, s in zip(question.parameters, ca.vertsplit(p)) if s.name() in used]
     return question._dependent
 
 

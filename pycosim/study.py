@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from . import variables
-from .compile.effects import find_effect, find_place
+from .compile.effects import catalogue, find_effect, find_place
 from .compile.model import compile_model
 from .errors import BoundsError, PycosimError, StudyError, UnknownNameError, closest
 
@@ -204,7 +204,8 @@ class Study:
         model = compile_model(library, self.rig, self.effects)
         for name, setting in self.parameters.items():
             _check_parameter(self, name, setting, model.parameters)
-        known = {**LOG_VARIABLES, **{n: v.unit for n, v in model.flat.variables.items()}}
+        read = {n: unit for effect in catalogue(library).values() for n, unit in effect.measured.items()}
+        known = {**read, **LOG_VARIABLES, **{n: v.unit for n, v in model.flat.variables.items()}}
         for name, column in self.columns.items():
             _check_column(self, name, column, known)
         return model

@@ -21,7 +21,9 @@ from benchmarks.hidden_effects import machine as rig
 ROOT = Path(__file__).parents[2]
 STUDY = ROOT / "examples" / "hip_knee" / "study.toml"
 EFFECTS = ("viscous", "stribeck", "presliding", "direction_asymmetry", "configuration_preload", "load_dependence",
-           "load_nonlinearity", "torque_ripple", "thermal_drift", "torque_offset", "torque_constant")
+           "load_nonlinearity", "load_hysteresis", "cross_load", "torque_ripple", "thermal_drift",
+           "temperature_dependence", "torque_offset", "torque_constant", "torque_saturation", "rotor_inertia",
+           "time_delay", "joint_spring", "payload", "cable_compliance", "backlash")
 # what no log of this rig with a torque reference can tell apart (the contract's list)
 TWINS = [{("torque_offset", f"motor{i}"), ("direction_asymmetry", f"{i}A")} for i in (1, 2)] + [
     {("torque_offset", "motor1+motor2"), ("direction_asymmetry", "1A+2A")}] + [
@@ -42,6 +44,9 @@ def hide(effect, size, seed):
     """Draw a machine, a motion, a place and coefficients of the wanted size."""
     rng = np.random.default_rng([seed, sum(map(ord, effect)), int(100 * size)])
     motion = rig.default_trajectory(rng)
+    if effect == "backlash":  # shows only where the load changes its sign
+        motion = rig.six_manoeuvres((0.2, 0.4, 0.8, 1.6, 2.4), 2, start=(rig.CROSSING_START,), longest_pass=6.8,
+                                    rng=rng)
     machine = rig.random_machine(rng)
     if effect == "none":
         return machine, motion, [], rng
@@ -78,7 +83,8 @@ def case(job):
         datasets = []
         for name, effects in (("with", hidden), ("without", [])):
             path = Path(folder) / f"{name}.csv"
-            rig.write_csv(rig.measure(machine, motion, effects, rng=seed), path)
+            extra = ("q",) if effect in ("cable_compliance", "backlash") else ()
+            rig.write_csv(rig.measure(machine, motion, effects, rng=seed, extra=extra), path)
             datasets.append(Dataset(given.with_data([path]), library))
     data, clean = datasets
     start = time.perf_counter()

@@ -2,7 +2,8 @@
 
 An effect is one Modelica file. What it is, where it can sit and what it needs is read from that file: the connectors it
 extends say at which components it can hang, its inputs are bound to the rig's variables of the same name, and its
-annotation ``__pycosim`` names the coefficient that measures its size and those that vanish with it.
+annotation ``__pycosim`` names the coefficient that measures its size and those that vanish with it. What a port offers
+and takes is read from the library's probes, one for each kind of port.
 """
 
 from __future__ import annotations
@@ -10,9 +11,28 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-
-
 from ..errors import UnknownNameError, closest
+
+
+PARTNER = "partner"  # connector that goes to the other component of a pair
+
+
+@dataclass(frozen=True)
+class Port:
+    """One kind of port: what an effect may read there, and what it may add.
+
+    Attributes
+    ----------
+    probe : str
+        Modelica class whose parameters are the additions.
+    potentials : tuple of str
+        Members of the connector that are not flows.
+    additions : tuple of str
+    """
+
+    probe: str
+    potentials: tuple
+    additions: tuple
 
 
 @dataclass(frozen=True)
@@ -39,6 +59,12 @@ class Effect:
         Whether one set of coefficients may act on all places at once.
     refines : str
         Effect that this one is a correction of; where the data cannot tell the two apart, that one is meant.
+    measured : dict of str to str
+        Inputs that come from the log alone, with their units: a rig without such a variable gets one.
+    means : dict of str to str
+        Parameters that stand for the mean of a measured input over the logs.
+    channel : bool
+        Whether it shifts recorded signals in time; its places are the rig's ``channels``.
     description : str
     """
 
@@ -51,7 +77,15 @@ class Effect:
     replaces: str = ""
     system: bool = False
     refines: str = ""
+    measured: dict = field(default_factory=dict)
+    means: dict = field(default_factory=dict)
+    channel: bool = False
     description: str = ""
+
+    @property
+    def ports(self):
+        """Connectors that a component must have to be a place; the partner of a pair is another component."""
+        return {n: kind for n, kind in self.connectors.items() if n != PARTNER}
 
 
 @dataclass(frozen=True)
@@ -60,6 +94,10 @@ class Place:
 
     name: str
     components: tuple
+
+    def partner(self, effect, component):
+        """The other component of a pair, where the effect reads one; else None."""
+        return next((c for c in self.components if c != component), None) if PARTNER in effect.connectors else None
 
 
 def annotation(library, name):
@@ -84,6 +122,10 @@ def snake(name):
 
 def _members(library, name):
     """Components of a class and its bases: name to (resolved class or builtin, prefixes)."""
+    return library.memo(("members", name), lambda: _members_of(library, name))
+
+
+def _members_of(library, name):
     members = {}
     for cls, node in reversed(list(library.bases(name))):
         scope = cls
@@ -105,6 +147,31 @@ def is_effect(library, name):
     return any(re.fullmatch(r"DriveTrain\.Interfaces\.\w+Effect", b) for b, _ in library.bases(name))
 
 
+def ports(library):
+    """Kinds of ports by connector name, from the library's probes.
+
+    Returns
+    -------
+    dict of str to Port
+    """
+    return library.memo("ports", lambda: dict(_ports(library)))
+
+
+def _ports(library):
+    for name in library.walk():
+        if not re.fullmatch(r"DriveTrain\.Interfaces\.\w+Probe", name):
+            continue
+        members = _members(library, name)
+        connector, kind = next((n, k) for n, (k, _) in members.items() if is_connector(library, k))
+        yield connector, Port(name, potentials(library, kind),
+                              tuple(n for n, (_, prefixes) in members.items() if "parameter" in prefixes))
+
+
+def potentials(library, connector):
+    """Members of a connector class that are not flows."""
+    return tuple(n for n, (_, prefixes) in _members(library, connector).items() if "flow" not in prefixes)
+
+
 def catalogue(library):
     """All effects the library holds, by id: every model that extends an effect interface.
 
@@ -124,14 +191,28 @@ def _effects(library):
             continue
         members = _members(library, name)
         notes = annotation(library, name)
-        scan = dict(item.split(":") for item in notes.get("scan", "").replace(" ", "").split(";") if item)
+        scan, means = (dict(item.split(":") for item in notes.get(key, "").replace(" ", "").split(";") if item)
+                       for key in ("scan", "means"))
+        units = _units(library, name)
         effect = Effect(
             snake(name.rsplit(".", 1)[-1]), name,
             {n: kind for n, (kind, _) in members.items() if is_connector(library, kind)},
             tuple(n for n, (kind, prefixes) in members.items() if "input" in prefixes),
             tuple(notes.get("size", "").split()), scan, notes.get("replaces", ""),
-            notes.get("place") == "system", notes.get("refines", ""), (node.comment or "").strip('"'))
+            notes.get("place") == "system", notes.get("refines", ""),
+            {n: units.get(n, "1") for n in notes.get("measured", "").split()}, means, notes.get("place") == "channels",
+            (node.comment or "").strip('"'))
         yield effect.id, effect
+
+
+def _units(library, name):
+    """Units of the variables that a class itself declares."""
+    found = {}
+    for symbol in library.find(name).symbols.values():
+        for argument in getattr(symbol.class_modification, "arguments", None) or []:
+            if str(argument.value.component) == "unit":
+                found[symbol.name] = str(argument.value.modifications[0].value)
+    return found
 
 
 def places(library, rig, effect):
@@ -149,27 +230,36 @@ def places(library, rig, effect):
     list of Place
     """
     members = _members(library, rig)
-    if any(n not in members for n in effect.inputs):
-        return []
-    if not effect.connectors:
+    if any(n not in members for n in effect.inputs if n not in effect.measured) or not effect.ports:
         return []
     notes = annotation(library, rig)
+    single = _single(library, members, notes, effect)
+    by_name = {p.name: p.components[0] for p in single}
+    joined = [Place(g, tuple(by_name[m] for m in g.split("+"))) for g in notes.get("joined", "").split()
+              if all(m in by_name for m in g.split("+"))]
+    if effect.channel:
+        groups = dict(pair.split("=") for pair in notes.get("channels", "").split())
+        single, joined = [], [Place(n, tuple(g.split("+"))) for n, g in groups.items()]
+    elif PARTNER in effect.connectors:
+        single, joined = [], [p for p in joined if len(p.components) == 2]
+    elif effect.system and len(single) > 1:
+        joined.append(Place("system", tuple(p.components[0] for p in single)))
+    return [p for p in single + joined if component_name(effect, p) not in members]  # the base model has it there
+
+
+def _single(library, members, notes, effect):
+    """Components of a rig that have the ports of an effect."""
     names = {c: p for p, c in (pair.split("=") for pair in notes.get("places", "").split())}
-    single = []
+    found = []
     for component, (kind, _) in members.items():
         if kind in ("Real", "Integer", "Boolean", "String") or is_connector(library, kind):
             continue
         have = _members(library, kind)
         if is_effect(library, kind):  # part of the base model
             continue
-        if all(have.get(c, ("",))[0] == t for c, t in effect.connectors.items()):
-            single.append(Place(names.get(component, component), (component,)))
-    by_name = {p.name: p.components[0] for p in single}
-    joined = [Place(g, tuple(by_name[m] for m in g.split("+"))) for g in notes.get("joined", "").split()
-              if all(m in by_name for m in g.split("+"))]
-    if effect.system and len(single) > 1:
-        joined.append(Place("system", tuple(p.components[0] for p in single)))
-    return [p for p in single + joined if component_name(effect, p) not in members]  # the base model has it there
+        if all(have.get(c, ("",))[0] == t for c, t in effect.ports.items()):
+            found.append(Place(names.get(component, component), (component,)))
+    return found
 
 
 def find_effect(library, name):
@@ -199,7 +289,7 @@ def find_place(library, rig, effect, name):
             return place
     if not options:
         raise UnknownNameError(f"effect '{effect.id}' has no place in {rig}: it needs "
-                               f"{', '.join([*effect.connectors, *effect.inputs])}")
+                               f"{', '.join([*effect.ports, *effect.inputs])}")
     raise UnknownNameError(f"no place '{name}' for '{effect.id}' in {rig}{closest(name, [p.name for p in options])}")
 
 
@@ -208,21 +298,29 @@ def component_name(effect, place):
     return f"{effect.id}_{place.name.replace('+', '_').replace('.', '_')}"
 
 
+def instance_name(effect, place, component):
+    """Name of the component that stands for an effect at one of the components of its place."""
+    base = component_name(effect, place)
+    return base if component == place.components[0] else f"{base}_at_{component.replace('.', '_')}"
+
+
 def attachment(effect, place):
     """Declarations and connections that hang an effect on a place."""
     base = component_name(effect, place)
     declared, connected = [], []
-    for k, component in enumerate(place.components):
-        name = base if k == 0 else f"{base}_at_{component.replace('.', '_')}"
-        bound = [f"{c} = {base}.{c}" for c in dict.fromkeys((*effect.size, *effect.scan))] if k else []
-        text = f"({', '.join(bound)})" if bound else ""
+    for component in place.components:
+        name = instance_name(effect, place, component)
+        bound = [f"{c} = {base}.{c}" for c in dict.fromkeys((*effect.size, *effect.scan, *effect.means))]
+        text = f"({', '.join(bound)})" if name != base else ""
         declared.append(f'  {effect.model} {name}{text} "{effect.description} at {place.name}";')
-        connected += [f"  connect({name}.{c}, {component}.{c});" for c in effect.connectors]
+        connected += [f"  connect({name}.{c}, {component}.{c});" for c in effect.ports]
+        connected += [f"  connect({name}.{PARTNER}, {place.partner(effect, component)}.{c});"
+                      for c, kind in effect.ports.items() if kind == effect.connectors.get(PARTNER)]
         connected += [f"  {name}.{i} = {i};" for i in effect.inputs]  # as a modifier, pymoca would find the inner name
     return declared, connected
 
 
-def extend(rig, attached, name="Improved"):
+def extend(rig, attached, name="Improved", given=()):
     """Modelica text of a rig with effects.
 
     Parameters
@@ -232,12 +330,16 @@ def extend(rig, attached, name="Improved"):
     attached : list of (Effect, Place)
     name : str
         Name of the new class.
+    given : collection of str
+        Measured inputs that the rig has itself; the others are declared.
 
     Returns
     -------
     str
     """
-    declared, connected = [], []
+    wanted = {n: unit for effect, _ in attached for n, unit in effect.measured.items() if n not in given}
+    declared = [f'  input Real {n}(unit="{unit}") "Measured";' for n, unit in wanted.items()]
+    connected = []
     for effect, place in attached:
         d, c = attachment(effect, place)
         declared += d
@@ -246,7 +348,3 @@ def extend(rig, attached, name="Improved"):
     if connected:
         lines += ["equation", *connected]
     return "\n".join([*lines, f"end {name};", ""])
-
-
-
-

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
@@ -12,10 +11,11 @@ import casadi as ca
 from .. import cache
 from ..errors import ModelicaError, StudyError, UnknownNameError, closest
 from ..variables import Variable
-from .effects import annotation, catalogue, component_name, extend, find_place
-from .solve import solve
+from .effects import (_members, annotation, catalogue, component_name, extend, find_place, instance_name, is_connector,
+                      is_effect, ports)
+from .solve import der, solve
 
-PROBES = {"friction": "DriveTrain.Interfaces.SegmentProbe", "signal": "DriveTrain.Interfaces.MotorProbe"}
+RECORDED = "tau"  # what a component with a torque channel records
 
 
 @dataclass
@@ -36,6 +36,9 @@ class Question:
         ``(inputs, states, parameters) -> derivative of the states``.
     variables : dict of str to Variable
         Unit and description of every name.
+    late : dict of str to str
+        Inputs that were recorded late, and the output that says by how much. The function holds what the delay does to
+        first order about ``at(x)``, an input: there its value is exact when x is given at that much later.
     """
 
     inputs: list
@@ -45,6 +48,7 @@ class Question:
     output: ca.Function
     rate: ca.Function
     variables: dict = field(default_factory=dict)
+    late: dict = field(default_factory=dict)
 
     def symbols(self):
         """Fresh symbols for inputs, states and parameters."""
@@ -58,7 +62,13 @@ class Question:
         rows = [y[self.outputs.index(o)] for o in outputs]
         names = ["u", "x", "p"], ["y"]
         return Question(self.inputs, self.states, self.parameters, list(outputs),
-                        ca.Function("output", [u, x, p], [ca.vertcat(*rows)], *names), self.rate, self.variables)
+                        ca.Function("output", [u, x, p], [ca.vertcat(*rows)], *names), self.rate, self.variables,
+                        self.late)
+
+    def swapped(self, names):
+        """The same question with pairs of outputs under each other's name."""
+        both = {**names, **{b: a for a, b in names.items()}}
+        return replace(self, outputs=[both.get(n, n) for n in self.outputs]) if names else self
 
     def fixed(self, values):
         """The same question with some parameters at given numbers, and simpler for it; made once.
@@ -78,7 +88,7 @@ class Question:
             q = ca.vertcat(*[values.get(n, s) for n, s in zip(self.parameters, ca.vertsplit(p))])
             output, rate = (ca.Function(f.name(), [u, x, p], [ca.cse(f(u, x, q))], ["u", "x", "p"], ["y"])
                             for f in (self.output, self.rate))
-            made[key] = Question(self.inputs, self.states, self.parameters, self.outputs, output, rate, self.variables)
+            made[key] = replace(self, output=output, rate=rate)
         return made[key]
 
     def sliding(self):
@@ -129,7 +139,7 @@ class Model:
             self.attached.append((effects[effect], find_place(library, rig, effects[effect], place)))
         self.notes = annotation(library, rig)
         self._questions = {}
-        self.text = extend(rig, self.attached)
+        self.text = extend(rig, self.attached, given=_members(library, rig))
         if probes:
             self.text = _with_probes(self)
 
@@ -159,7 +169,6 @@ class Model:
 
     def components(self, connector):
         """Components of the rig that carry a connector of this name."""
-        from .effects import _members, is_connector, is_effect
         found = []
         for component, (kind, _) in _members(self.library, self.rig).items():
             if (kind not in ("Real", "Integer", "Boolean") and not is_connector(self.library, kind)
@@ -168,19 +177,28 @@ class Model:
                     found.append(component)
         return found
 
+    @property
+    def log_inputs(self):
+        """Inputs of the attached effects that come from the log, such as a temperature."""
+        return list(dict.fromkeys(n for effect, _ in self.attached for n in effect.measured))
+
+    def aliases(self, key):
+        """Entries of the rig's annotation ``load`` or ``encoders``: a measured channel, and the output for it."""
+        return dict(pair.split("=") for pair in self.notes.get(key, "").split())
+
     def alternatives(self, name):
         """Forms of a question that the rig's annotation offers, as (outputs, inputs)."""
         text = self.notes.get(name, "")
         forms = []
         for form in filter(None, (f.strip() for f in text.split(";"))):
             wanted, _, known = form.partition(" from ")
-            forms.append((wanted.split(), known.split()))
+            forms.append((wanted.split(), list(dict.fromkeys([*known.split(), *self.log_inputs]))))
         if not forms:
             raise StudyError(f"{self.rig} does not say how to {name}; "
                              f"add {name}=\"outputs from inputs\" to its annotation")
         return forms
 
-    def question(self, name, form=0):
+    def question(self, name, form=0, aliases=()):
         """Compile a question, or take it from the cache.
 
         Parameters
@@ -189,14 +207,18 @@ class Model:
             ``estimate``, ``compensate``, ``gravity_model``: a key of the rig's annotation.
         form : int
             Which of the alternatives.
+        aliases : tuple of (str, str)
+            Pairs of outputs that swap their names.
 
         Returns
         -------
         Question
         """
-        if (name, form) not in self._questions:
-            self._questions[name, form] = self._question(name, form)
-        return self._questions[name, form]
+        key = name, form, aliases
+        if key not in self._questions:
+            found = self.question(name, form) if aliases else self._question(name, form)
+            self._questions[key] = found.swapped(dict(aliases))
+        return self._questions[key]
 
     def _question(self, name, form):
         wanted, known = self.alternatives(name)[form]
@@ -211,10 +233,17 @@ class Model:
         solution = solve(flat, known)
         values = {**{n: flat.symbols[n] for n in known}, **solution.values}
         extra = [f"{c}.{v}" for c in self.segments for v in ("w", "L", "s", "F", "loss")]
+        extra += [f"{c}.{port}.{v}" for port, kind in ports(self.library).items() for c in self.components(port)
+                  for v in kind.potentials]
         top = [n for n in flat.variables if "." not in n]
         members = ("phi", "w", "a", "tau", "tau_shaft", "v", "i")
-        aliases = [n for n in flat.variables if n.count(".") == 1 and n.endswith(tuple(f".{m}" for m in members))]
-        outputs = list(dict.fromkeys([n for n in [*wanted, *extra, *top, *aliases] if n in values and n not in known]))
+        inner = [n for n in flat.variables if n.count(".") == 1 and n.endswith(tuple(f".{m}" for m in members))]
+        named = [n.partition(":")[0] for key in ("load", "encoders") for n in self.aliases(key).values()]
+        every = dict.fromkeys([*wanted, *extra, *top, *inner, *named])
+        outputs = [n for n in every if n in values and n not in known]
+        late = self._late(known, values)
+        outputs += [n for n in late.values() if n not in outputs]
+        values = {**values, **self._shifted(late, values, outputs, solution.symbols)}
         y = ca.vertcat(*[values[n] for n in outputs])
         states = [s for s in solution.states if s in {v.name() for v in ca.symvar(y)}]
         rates = ca.vertcat(*[values[flat.derivatives[s]] for s in states]) if states else ca.SX(0, 1)
@@ -228,7 +257,24 @@ class Model:
         described.update({n: flat.variables.get(n) or Variable(n) for n in inputs})
         names = ["u", "x", "p"]
         return Question(inputs, states, parameters, outputs, ca.Function("output", arguments, [y], names, ["y"]),
-                        ca.Function("rate", arguments, [rates], names, ["xdot"]), described)
+                        ca.Function("rate", arguments, [rates], names, ["xdot"]), described, late)
+
+    def _late(self, known, values):
+        """Known signals that an attached effect delays, each with the variable that holds its delay."""
+        return {f"{c}.{RECORDED}": f"{instance_name(effect, place, c)}.delay" for effect, place in self.attached
+                if effect.channel for c in place.components if f"{c}.{RECORDED}" in known}
+
+    @staticmethod
+    def _shifted(late, values, names, symbols):
+        """Variables in terms of signals as they were recorded: x becomes x + (delay - at(x)) der(x)."""
+        if not late:
+            return {}
+        for n in [m for signal in late for m in (der(signal), f"at({signal})") if m not in symbols]:
+            symbols[n] = ca.SX.sym(n)
+        recorded = [symbols[signal] + (values[delay] - symbols[f"at({signal})"]) * symbols[der(signal)]
+                    for signal, delay in late.items()]
+        shifted = ca.substitute([values[n] for n in names], [symbols[s] for s in late], recorded)
+        return dict(zip(names, shifted))
 
     def effect_parameters(self, effect, place):
         """Names of the coefficients of an attached effect."""
@@ -239,10 +285,10 @@ class Model:
 def _with_probes(model):
     """The model's text with a probe at every port."""
     declared, connected = [], []
-    for connector, probe in PROBES.items():
+    for connector, port in ports(model.library).items():
         for component in model.components(connector):
             name = f"probe_{component.replace('.', '_')}"
-            declared.append(f"  {probe} {name};")
+            declared.append(f"  {port.probe} {name};")
             connected.append(f"  connect({name}.{connector}, {component}.{connector});")
     head, _, tail = model.text.partition("equation\n")
     if not tail:
@@ -276,7 +322,7 @@ def _dump(question):
     return json.dumps({
         "inputs": question.inputs, "states": question.states, "parameters": question.parameters,
         "outputs": question.outputs, "output": question.output.serialize(), "rate": question.rate.serialize(),
-        "variables": {n: asdict(v) for n, v in question.variables.items()}}).encode()
+        "variables": {n: asdict(v) for n, v in question.variables.items()}, "late": question.late}).encode()
 
 
 def _load(data):

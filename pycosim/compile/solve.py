@@ -255,7 +255,7 @@ def _blocks(residuals, unknowns, names_of):
 
 
 def piecewise_linear(residuals, x):
-    """Closed form of residuals that are linear in x for fixed signs of x (or, for one unknown, quadratic).
+    """Closed form of residuals that are linear in x for fixed signs of x (for one unknown, quadratic or cubic too).
 
     Each sign pattern gives a linear system; the pattern that agrees with its own solution is the right one. The law of
     a segment is monotone, so it is unique.
@@ -279,7 +279,7 @@ def piecewise_linear(residuals, x):
     if len(signed) > 4:
         return None
     if len(x) == 1 and signed and not _linear(jacobian, v, signed):
-        return _quadratic(jacobian, at_zero, x[0])
+        return _quadratic(jacobian, at_zero, x[0]) or _cubic(jacobian, at_zero, x[0])
     if not _linear(jacobian, v, signed):
         return None
     if len(x) == 1:
@@ -373,6 +373,29 @@ def _quadratic(jacobian, at_zero, x):
     return [ca.if_else(at_zero <= 0, roots[0], roots[1])]
 
 
+_SERIES = (1, -1, 3, -12, 55, -273, 1428)  # g(u) = sum (-u)^n binomial(3 n, n) / (2 n + 1), exact to rounding ..
+_NEAR = 1e-3  # .. for |u| below this
+
+
+def _cubic(jacobian, at_zero, x):
+    """Root of g0 + a x + b x^3 that continues the linear one: x = -g0 / a g(u) with u = b g0^2 / a^3, g + u g^3 = 1.
+
+    The trigonometric roots [Viete] have no derivative at b = 0, where an effect is neutral; a series stands there.
+    """
+    a, one, other, two = (ca.substitute(jacobian, x, k) for k in (0.0, 1.0, -1.0, 2.0))
+    values = _numeric([ca.densify(v) for v in (a, one, other, two)], np.random.default_rng(0))
+    if not (np.allclose(values[1], values[2], rtol=1e-8) and
+            np.allclose(values[3] - values[0], 4 * (values[1] - values[0]), rtol=1e-8, atol=1e-12)):
+        return None
+    u = (one - a) / 3 * at_zero ** 2 / a ** 3
+    series = sum(c * u ** n for n, c in enumerate(_SERIES))
+    rising, falling = (ca.sqrt(3 * ca.fmax(sign * u, _NEAR)) for sign in (1, -1))
+    stiff = 2 * ca.sinh(ca.asinh(1.5 * rising) / 3) / rising
+    # beyond the fold, 1.5 sqrt(-3 u) = 1, no torque has so large a reading: the last one stands
+    soft = 2 * ca.sin(ca.asin(ca.fmin(1.5 * falling, 1 - 1e-12)) / 3) / falling
+    return [-at_zero / a * ca.if_else(ca.fabs(u) < _NEAR, series, ca.if_else(u > 0, stiff, soft))]
+
+
 def solve(flat, known, keep=(), explicit=True):
     """Solve a flat model for everything but what is known.
 
@@ -459,7 +482,7 @@ def _close(flat, system, solution):
         if result is None or not _solves(residuals, x, result, flat.parameters):
             raise ModelicaError(
                 f"'{flat.name}': no closed form for {', '.join(names)}; an effect must be linear, absolute or "
-                "quadratic in the load")
+                "quadratic in the load, or cubic in the torque")
         closed += list(zip(names, result))
     system.solved += [(n, e) for n, e in reversed(closed)]
     solution.algebraic, solution.residuals = [], []

@@ -79,7 +79,7 @@ def _statements(path):
 
 @pytest.mark.parametrize("name", RIGS)
 def test_all_neutral_effects_together_change_nothing(library, model, name):
-    attached = _offers(library, name)
+    attached = [a for a in _offers(library, name) if a[0] != "cross_load"]  # no closed form with a squared load
     assert len(attached) >= 5
     _same(model(name), model(name, attached))
 
@@ -102,7 +102,8 @@ def _same(bare, full, what=""):
     time = np.linspace(0, 1, 200)
     known = [n for n in bare.question("estimate").inputs if not n.startswith("der(")]
     signals = {n: 0.3 * np.sin((3 + k) * time + k) for k, n in enumerate(known)}
-    a, b = estimate(bare, signals, time), estimate(full, signals, time)
+    a = estimate(bare, signals, time)
+    b = estimate(full, {**signals, **{n: 20 + time for n in full.log_inputs}}, time)
     here = np.full(len(time), True)
     if any(effect.id == "presliding" for effect, _ in full.attached):  # another approach to the same sliding
         here = np.all([np.abs(np.abs(m[f"{c}.s"]) - 1) < 1e-12 for m in (a, b) for c in bare.segments], axis=0)

@@ -32,12 +32,13 @@ equation
   f = max(0, f0 + friction.df0);
   m = mu + friction.dmu;
   F = 2 * m * f / (1 + m) + 2 * (1 - m) / (1 + m) * abs(L) + friction.dF "Nobili et al., Eq. (friction_model)";
-  flange_a.tau = L + s * F / 2;
-  flange_b.tau = -(L - s * F / 2);
+  flange_a.tau = L + (s * F + friction.dT) / 2;
+  flange_b.tau = -(L - (s * F + friction.dT) / 2);
   flange_a.tau + flange_b.tau + support.tau = 0;
-  loss = s * F * w;
+  loss = (s * F + friction.dT) * w;
   friction.w = w;
   friction.L = L;
   friction.s = z;
   friction.f0 = f0;
+  friction.mu = m;
 end Segment;

@@ -5,9 +5,11 @@ partial model SegmentEffect "Changes the law of one segment from inside"
   Real df0(unit="N.m") = 0 "Addition to the load-independent loss";
   Real ds(unit="1") = 0 "Addition to the friction state";
   Real dmu(unit="1") = 0 "Addition to the efficiency";
+  Real dT(unit="N.m") = 0 "Addition to the torque lost, with a direction of its own";
 equation
   friction.dF = -dF;
   friction.df0 = -df0;
   friction.ds = -ds;
   friction.dmu = -dmu;
+  friction.dT = -dT;
 end SegmentEffect;

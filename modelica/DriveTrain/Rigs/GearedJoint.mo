@@ -6,7 +6,7 @@ model GearedJoint "Motor, gear with load-dependent losses, and a joint that move
   Components.Segment gear "Gear with its losses, in motor units";
   Components.IdealGear reduction(ratio=50) "Motor units to joint units";
   Components.Fixed frame "Frame, carries motor and gear";
-  Components.Sensor joint "Joint; its load hangs on flange_b";
+  Components.Joint joint "Joint; its load hangs on flange_b";
   Components.Pendulum load(m=4, l=0.3, J=0.05) "Link and what it carries";
   Components.Torque outside(tau=push) "Torque from outside on the joint";
   Real q(unit="rad") "Angle of the joint";
@@ -29,5 +29,7 @@ equation
     compensate="motor.tau from motor.phi C",
     gravity_model="C from motor.phi push",
     balance="push from motor.phi motor.tau",
-    simulate="q C motor.phi from tau push"));
+    simulate="q C motor.phi from tau push",
+    load="C=joint.load",
+    channels="torque=motor"));
 end GearedJoint;

@@ -22,15 +22,23 @@ model HipKneeTransmission "Cable-driven differential of an exoskeleton's hip and
   Real q_K(unit="rad") "Knee extension";
   Real C_H(unit="N.m") "Torque of the transmission on the hip";
   Real C_K(unit="N.m") "Torque of the transmission on the knee";
-  Components.Sensor hip "Hip joint; its load hangs on flange_b";
-  Components.Sensor knee "Knee joint; its load hangs on flange_b";
+  Components.Joint hip "Hip joint; its load hangs on flange_b";
+  Components.Joint knee "Knee joint; its load hangs on flange_b";
+  Components.Line line1 "Line 1";
+  Components.Line line2 "Line 2";
+  parameter Real zero_H(unit="rad", min=-10, max=10, nominal=0.01) = 0 "Reading of the hip's encoder at angle zero";
+  parameter Real zero_K(unit="rad", min=-10, max=10, nominal=0.01) = 0 "Reading of the knee's encoder at angle zero";
+  Real encoder_H(unit="rad") "Reading of the hip's encoder";
+  Real encoder_K(unit="rad") "Reading of the knee's encoder";
   Real w_H(unit="rad/s") "Speed of the hip";
   Real w_K(unit="rad/s") "Speed of the knee";
 equation
-  connect(motor1.flange, s1A.flange_a);
+  connect(motor1.flange, line1.flange_a);
+  connect(line1.flange_b, s1A.flange_a);
   connect(s1A.flange_b, s1B.flange_a);
   connect(s1B.flange_b, shank.flange_a);
-  connect(motor2.flange, s2A.flange_a);
+  connect(motor2.flange, line2.flange_a);
+  connect(line2.flange_b, s2A.flange_a);
   connect(s2A.flange_b, s2B.flange_a);
   connect(s2B.flange_b, crossing.flange_a);
   connect(crossing.flange_b, shank.flange_a);
@@ -49,6 +57,10 @@ equation
   connect(outside_K.flange, knee.flange_b);
   q_H = hip.flange_b.phi;
   q_K = knee.flange_b.phi;
+  line1.L = s1A.L;
+  line2.L = s2A.L;
+  encoder_H = q_H - (line1.stretch + line2.stretch) / (2 * t_r) + zero_H;
+  encoder_K = q_K - (line1.stretch - line2.stretch) / (2 * t_r) + zero_K;
   w_H = der(q_H);
   w_K = der(q_K);
   C_H = hip.tau;
@@ -58,5 +70,8 @@ equation
     compensate="motor1.tau motor2.tau from motor1.phi motor2.phi C_H C_K",
     simulate="q_H q_K C_H C_K motor1.phi motor2.phi from tau1 tau2 push_H push_K",
     places="1A=s1A 2A=s2A 1B=s1B 2B=s2B",
-    joined="1A+2A 1B+2B motor1+motor2 hip+knee"));
+    joined="1A+2A 1B+2B motor1+motor2 hip+knee line1+line2",
+    load="C_H=hip.load C_K=knee.load",
+    encoders="q_H=encoder_H:zero_H q_K=encoder_K:zero_K",
+    channels="torque=motor1+motor2"));
 end HipKneeTransmission;

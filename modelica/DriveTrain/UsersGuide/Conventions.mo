@@ -28,7 +28,7 @@ reaction is what makes joint torques come out of the connections.</li>
 creep; for travel to 0 its z is the sign of w. s is z, damped while z changes, and within -1 and 1.</li>
 </ul>
 <h4>Effects</h4>
-<p>An effect adds to a segment's law, or to a motor's torque, through one port, and adds nothing at its neutral
-coefficients. What a motor effect adds belongs to the measured torque: measured = true + addition.</p>
+<p>An effect adds to a segment's law, a motor's torque, a joint or a line through one port, and adds nothing at its
+neutral coefficients. What a motor effect adds belongs to the measured torque: measured = true + addition.</p>
 </html>"));
 end Conventions;

@@ -1,0 +1,105 @@
+"""Draw the signature of every effect: what it changes in a joint's torque (or angle), over the variable it shows in.
+
+    python docs/effect_signatures.py        writes docs/images/effects/signatures.png
+
+A passage of the hip-knee rig is moved to and fro at three speeds; its model is evaluated with and without the effect.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pycosim.compile import Library, catalogue, compile_model
+from pycosim.simulate import estimate
+
+RIG = "DriveTrain.Rigs.HipKnee"
+# effect: place, coefficients, output, variable to show it over
+SHOWN = {
+    "viscous": ("1A", {"b": 0.02}, "C_H", "s1A.w"),
+    "stribeck": ("1A", {"fs": 0.05, "ws": 0.5}, "C_H", "s1A.w"),
+    "presliding": ("1A", {"travel": 0.5}, "C_H", "motor1.phi"),
+    "direction_asymmetry": ("1A", {"a": 0.3}, "C_H", "s1A.w"),
+    "configuration_preload": ("1A", {"k_H": 0.1, "k_K": 0.0}, "C_H", "q_H"),
+    "load_dependence": ("1A", {"mu": 0.9}, "C_H", "s1A.L"),
+    "load_nonlinearity": ("1A", {"d": 0.05}, "C_H", "s1A.L"),
+    "load_hysteresis": ("1A", {"h": 1.0, "mu_dif": 0.02}, "C_H", "motor1.phi"),
+    "cross_load": ("1A+2A", {"k": 0.1}, "C_H", "s2A.L"),
+    "torque_ripple": ("motor1", {"A": 0.02, "n": 2.0, "phase": 0.0}, "C_H", "motor1.phi"),
+    "thermal_drift": ("1A", {"k": 1.0, "T": 60.0}, "C_H", "time"),
+    "temperature_dependence": ("1A", {"k": 0.1, "mean": 25.0}, "C_H", "temperature"),
+    "torque_constant": ("motor1", {"g": 1.05}, "C_H", "motor1.tau"),
+    "torque_offset": ("motor1", {"o": 0.02}, "C_H", "motor1.tau"),
+    "torque_saturation": ("motor1", {"k": 0.02}, "C_H", "motor1.tau"),
+    "rotor_inertia": ("motor1", {"J": 2e-3}, "C_H", "der(der(motor1.phi))"),
+    "time_delay": ("torque", {"d": 0.05}, "C_H", "time"),
+    "joint_spring": ("hip", {"k": 1.0, "q0": 0.2}, "hip.load", "q_H"),
+    "payload": ("shank", {"m": 0.5}, "knee.load", "shank"),
+    "cable_compliance": ("line1", {"e": 0.01}, "encoder_H", "motor1.tau"),
+    "backlash": ("line1", {"gap": 0.02}, "encoder_H", "s1A.L"),
+}
+LABELS = {"s1A.w": "speed of 1A [rad/s]", "s1A.L": "load of 1A [N.m]", "s2A.L": "load of 2A [N.m]",
+          "motor1.phi": "angle of motor 1 [rad]", "q_H": "hip angle [rad]", "shank": "shank angle [rad]",
+          "time": "time [s]",
+          "temperature": "temperature [degC]", "motor1.tau": "torque of motor 1 [N.m]",
+          "der(der(motor1.phi))": "acceleration of motor 1 [rad/s2]"}
+UNITS = {"encoder_H": "hip encoder [rad]", "C_H": "hip torque [N.m]", "hip.load": "hip torque [N.m]",
+         "knee.load": "knee torque [N.m]"}
+
+
+def passage():
+    """Time, motion and torques of three speeds to and fro, 120 s at 50 Hz."""
+    time = np.arange(0, 120, 0.02)
+    rate = np.select([time < 42, time < 84], [0.15, 0.3], 0.6)
+    phase = np.cumsum(rate) * 0.02
+    signals = {"motor1.phi": 12 + 6 * np.sin(phase), "motor2.phi": 6 - 9 * np.sin(phase + 0.5)}
+    for name in list(signals):
+        first = np.gradient(signals[name], time)
+        signals[f"der({name})"] = np.where(np.abs(np.gradient(rate)) > 0, 0.0, first)
+        signals[f"der(der({name}))"] = -np.square(rate) * (signals[name] - signals[name].mean())
+    lift = np.sin((signals["motor1.phi"] + signals["motor2.phi"]) / 30.25 - 0.6)
+    signals["motor1.tau"] = 2.5 * lift + 0.1 * np.sign(signals["der(motor1.phi)"])
+    signals["motor2.tau"] = 1.5 * lift + 0.1 * np.sign(signals["der(motor2.phi)"])
+    return time, signals
+
+
+def draw(library):
+    """Contact sheet of all effects of the library: matplotlib Figure."""
+    time, signals = passage()
+    temperature = 22 + 6 * (1 - np.exp(-time / 40))
+    bare = compile_model(library, RIG)
+    without = {**signals, **estimate(bare, signals, time), "time": time, "temperature": temperature}
+    without["shank"] = without["q_H"] + without["q_K"]
+    figure = Figure(figsize=(13, 15), layout="constrained")
+    for axes, (effect, (place, given, output, over)) in zip(figure.subplots(6, 4).ravel(), SHOWN.items()):
+        model = compile_model(library, RIG, [(effect, place)])
+        base = f"{effect}_{place.replace('+', '_')}"
+        known = {**signals, **{n: temperature for n in model.log_inputs}}
+        found = estimate(model, known, time, {f"{base}.{n}": v for n, v in given.items()})
+        change = found[output] - without[output]
+        moving = np.abs(without["s1A.w"]) > 0.02
+        for sign, colour, label in ((1, "tab:blue", "out"), (-1, "tab:red", "back")):
+            part = moving & (np.sign(without["s1A.w"]) == sign)
+            axes.plot(without[over][part], change[part], ".", ms=1, color=colour, label=label)
+        axes.set(title=f"{effect} @ {place}", xlabel=LABELS[over], ylabel=UNITS[output])
+    for axes in figure.axes[len(SHOWN):]:
+        axes.set_axis_off()
+    figure.axes[0].legend(markerscale=8)
+    return figure
+
+
+def main():
+    """Write the sheet."""
+    library = Library()
+    missing = set(catalogue(library)) - set(SHOWN)
+    if missing:
+        raise SystemExit(f"no signature for {', '.join(sorted(missing))}; add it to SHOWN")
+    path = Path(__file__).parent / "images" / "effects" / "signatures.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draw(library).savefig(path, dpi=80)
+
+
+if __name__ == "__main__":
+    main()

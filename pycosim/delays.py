@@ -1,0 +1,85 @@
+"""Signals as they were recorded and a model with delays in; the signals at the time they tell of out.
+
+A delay is undone exactly, by moving the record in time along a cubic spline. The model's function then needs only the
+derivative by the delay, which is the slope of the spline.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from .compile import ArrayFunction
+
+_LEAST = 8  # samples of a log that is moved
+
+
+def undo(question, signals, time, run, parameters, rest=None):
+    """Signals of a question with their delays undone.
+
+    Parameters
+    ----------
+    question : Question
+    signals : dict of str to ndarray, shape (n,)
+        As recorded.
+    time, run : ndarray, shape (n,)
+    parameters : dict of str to float
+    rest : dict of str to ndarray, optional
+        Noise alike that of the signals. A spline takes noise away between samples, which would look like a better fit;
+        as much of it is put back.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The same dict where nothing is delayed.
+    """
+    if not question.late:
+        return signals
+    found = dict(signals)
+    chosen = question.select(list(question.late.values()))
+    values = ArrayFunction(chosen.output)([0.0] * (len(chosen.inputs) + len(chosen.states))
+                                          + [float(parameters[n]) for n in chosen.parameters], 1)[:, 0]
+    for name, delay in zip(question.late, values):
+        found[name] = shift(time, signals[name], delay, run)
+        found[f"der({name})"] = shift(time, signals[name], delay, run, 1)
+        found[f"at({name})"] = float(delay)
+        if rest:
+            step = float(np.median(np.diff(time)))
+            found[name] = found[name] + np.sqrt(1 - kept(round(delay / step % 1, 6))) * rest[name]
+    return found
+
+
+@cache
+def kept(fraction):
+    """Share of the power of white noise that a cubic spline keeps at a fraction of a sample."""
+    impulse = np.zeros(41)
+    impulse[20] = 1.0
+    return min(1.0, float((CubicSpline(np.arange(41), impulse)(np.arange(5, 35) + fraction) ** 2).sum()))
+
+
+def shift(time, values, later, run, order=0):
+    """Values of a signal at later times, log by log; beyond its ends the nearest value.
+
+    Parameters
+    ----------
+    time, values, run : ndarray, shape (n,)
+    later : float
+        [s]
+    order : int
+        1 for the slope instead.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    if later == 0 and not order:
+        return values
+    result = np.zeros(len(values)) if order else values.copy()
+    for k in np.unique(run):
+        part = run == k
+        t = time[part]
+        if len(t) >= _LEAST:
+            result[part] = CubicSpline(t, values[part])(np.clip(t + later, t[0], t[-1]), order)
+    return result

@@ -1,0 +1,131 @@
+"""Effects obey their equations: channels, pairs, joints, lines, temperature, and what a user writes beside a study."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from pycosim.compile import Library, catalogue, compile_model, places
+from pycosim.compile.solve import piecewise_linear
+from pycosim.errors import ModelicaError
+from pycosim.simulate import estimate
+
+RIG = "DriveTrain.Rigs.HipKnee"
+LIBRARY = Library()
+T, R, K, A = (ca.SX.sym(n) for n in "trka")
+ROOT = piecewise_linear([R - A * T - K * T ** 3], [T])[0]
+CUBIC = ca.Function("cubic", [R, K, A], [ROOT, ca.jacobian(ROOT, K)])
+
+
+def sliding(attached, signals, parameters=None, question="estimate"):
+    """Outputs of a question for one sample of the sliding hip-knee rig."""
+    model = compile_model(LIBRARY, RIG, attached)
+    asked = model.question(question)
+    values = {n: v.value for n, v in model.parameters.items()} | (parameters or {})
+    y = asked.sliding()([signals.get(n, 0.0) for n in asked.inputs], [values[n] for n in asked.parameters])
+    return dict(zip(asked.outputs, np.array(y).ravel()))
+
+
+MOVING = {"motor1.tau": 1.2, "motor2.tau": 0.7, "der(motor1.phi)": 1.0, "der(motor2.phi)": -0.4,
+          "motor1.phi": 20.0, "motor2.phi": 3.0}
+
+
+@settings(max_examples=500, deadline=None)
+@given(st.floats(-15, 15), st.floats(-0.1, 1), st.floats(0.5, 2))
+def test_a_cubic_channel_is_inverted_exactly_derivative_included(torque, k, gain):
+    slope = gain + 3 * k * torque ** 2
+    assume(slope > 0.05)
+    found, rate = (float(v) for v in CUBIC(gain * torque + k * torque ** 3, k, gain))
+    assert found == pytest.approx(torque, abs=1e-10)
+    assert rate == pytest.approx(-torque ** 3 / slope, rel=1e-8, abs=1e-9)
+
+
+def test_a_reading_beyond_the_fold_of_the_channel_stands_at_the_last_torque():
+    assert float(CUBIC(20.0, -0.01, 1.0)[0]) == pytest.approx(np.sqrt(1 / 0.03))
+
+
+@pytest.mark.parametrize("k", [0.05, -0.01])
+def test_saturated_torques_read_as_the_truth_times_one_plus_k_squared(k):
+    y = sliding([("torque_saturation", "motor1")], MOVING, {"torque_saturation_motor1.k": k})
+    true = y["motor1.tau_shaft"]
+    assert true * (1 + k * true ** 2) == pytest.approx(1.2, abs=1e-12)
+
+
+@pytest.mark.parametrize("place", ["1A+2A", "1B+2B"])
+def test_cross_load_is_the_friction_of_the_partners_load_both_ways(place):
+    name = f"cross_load_{place.replace('+', '_')}"
+    bare = sliding([], MOVING)
+    y = sliding([("cross_load", place)], MOVING, {f"{name}.k": 0.2})
+    one, two = (f"s{p}" for p in place.split("+"))
+    for own, other in ((one, two), (two, one)):
+        own_law = (bare[f"{own}.F"] - 2 * 0.95 * 0.05 / 1.95) / abs(bare[f"{own}.L"])  # share of its own load
+        expected = 2 * 0.95 * 0.05 / 1.95 + own_law * abs(y[f"{own}.L"]) + 0.2 * abs(y[f"{other}.L"])
+        assert y[f"{own}.F"] == pytest.approx(expected, rel=1e-9)
+    back = {**MOVING, "C_H": y["C_H"], "C_K": y["C_K"]}
+    again = sliding([("cross_load", place)], back, {f"{name}.k": 0.2}, "compensate")
+    assert again["motor1.tau"] == pytest.approx(1.2) and again["motor2.tau"] == pytest.approx(0.7)
+
+
+def test_load_hysteresis_is_the_load_term_with_its_own_state():
+    time = np.linspace(0, 6, 3001)
+    angle = np.sin(time)
+    signals = {"motor1.phi": angle, "motor2.phi": -0.4 * angle, "motor1.tau": 1.0, "motor2.tau": 0.5}
+    given = {"load_hysteresis_1A.h": 0.3, "load_hysteresis_1A.mu_dif": 0.02}
+    y = estimate(compile_model(LIBRARY, RIG, [("load_hysteresis", "1A")]), signals, time, given)
+    z = np.zeros(len(time))
+    for k in range(len(time) - 1):  # exact in the travel of a step, another scheme than the package's
+        step = angle[k + 1] - angle[k]
+        z[k + 1] = np.sign(step) + (z[k] - np.sign(step)) * np.exp(-abs(step) / 0.3)
+    out = y["line1.tau"] - y["s1A.loss"] / np.where(np.abs(y["s1A.w"]) > 0, y["s1A.w"], np.nan)
+    load = y["s1A.L"]
+    lost = y["s1A.s"] * 2 * 0.95 * 0.05 / 1.95 + 0.1 / 1.95 * np.abs(load) * z + 0.02 * load * z ** 2
+    moving = np.abs(y["s1A.w"]) > 0.05
+    np.testing.assert_allclose((y["line1.tau"] - out)[moving], lost[moving], atol=2e-4)
+
+
+def test_spring_and_payload_are_in_the_joint_torque_and_not_in_the_load():
+    q = np.array([1.0, 1.0, 1.0, -1.0]).reshape(2, 2) @ np.array([20.0, 3.0]) / (2 * 15.125)
+    bare = sliding([], MOVING)
+    spring = sliding([("joint_spring", "hip")], MOVING, {"joint_spring_hip.k": 2.0, "joint_spring_hip.q0": 0.1})
+    assert spring["C_H"] == pytest.approx(bare["C_H"])
+    assert spring["C_H"] - spring["hip.load"] == pytest.approx(2.0 * (q[0] - 0.1))
+    payload = sliding([("payload", "shank")], MOVING, {"payload_shank.m": 1.5})
+    knee = 1.5 * 9.80665 * 0.40 * np.sin(q.sum())
+    assert payload["C_K"] - payload["knee.load"] == pytest.approx(knee)
+    assert payload["C_H"] - payload["hip.load"] == pytest.approx(knee + 1.5 * 9.80665 * 0.42 * np.sin(q[0]))
+
+
+@pytest.mark.parametrize(("effect", "coefficient", "lost"), [
+    ("cable_compliance", "e", lambda y, i: 0.01 * y[f"motor{i}.tau_shaft"]),
+    ("backlash", "gap", lambda y, i: 0.005 * np.sign(y[f"s{i}A.L"]))])
+def test_a_soft_or_loose_line_shows_at_the_joint_encoders(effect, coefficient, lost):
+    for place, lines in (("line1", [1]), ("line2", [2]), ("line1+line2", [1, 2])):
+        name = f"{effect}_{place.replace('+', '_')}.{coefficient}"
+        y = sliding([(effect, place)], {**MOVING, "motor2.tau": -0.9}, {name: 0.01, "zero_K": 0.3})
+        by = [lost(y, i) if i in lines else 0.0 for i in (1, 2)]
+        assert y["encoder_H"] == pytest.approx((23.0 - by[0] - by[1]) / 30.25)
+        assert y["encoder_K"] == pytest.approx((17.0 - by[0] + by[1]) / 30.25 + 0.3)
+
+
+def test_a_temperature_is_an_input_only_where_an_effect_reads_one():
+    model = compile_model(LIBRARY, RIG, [("temperature_dependence", "system")])
+    assert "temperature" in model.question("estimate").inputs and 'temperature(unit="degC")' in model.text
+    assert "temperature" not in compile_model(LIBRARY, RIG).flat.variables
+    warm = sliding([("temperature_dependence", "1A")], {**MOVING, "temperature": 35.0},
+                   {"temperature_dependence_1A.k": 0.02, "temperature_dependence_1A.mean": 25.0})
+    hotter = 2 * 0.95 * 0.05 / 1.95 * 0.2
+    assert warm["s1A.F"] - 0.1 / 1.95 * abs(warm["s1A.L"]) == pytest.approx(2 * 0.95 * 0.05 / 1.95 + hotter)
+
+
+def test_a_pair_with_a_squared_load_says_that_it_has_no_closed_form():
+    with pytest.raises(ModelicaError, match="no closed form"):
+        compile_model(LIBRARY, RIG, [("cross_load", "1A+2A"), ("load_nonlinearity", "1A")]).question("estimate")
+
+
+def test_places_of_pairs_channels_joints_and_lines():
+    found = {e.id: [p.name for p in places(LIBRARY, RIG, e)] for e in catalogue(LIBRARY).values()}
+    assert len(found) == 21
+    assert found["cross_load"] == ["1A+2A", "1B+2B"] and found["time_delay"] == ["torque"]
+    assert found["joint_spring"] == ["hip", "knee", "hip+knee"] and found["payload"] == ["shank"]
+    assert found["cable_compliance"] == found["backlash"] == ["line1", "line2", "line1+line2"]

@@ -1,0 +1,44 @@
+"""A record moved in time is the signal at the time it tells of, and its noise stays what it was."""
+
+import numpy as np
+import pytest
+
+from pycosim.delays import kept, shift
+from pycosim.compile import Library, compile_model
+from pycosim.simulate import estimate
+
+TIME = np.arange(0, 4, 0.01)
+ONE = np.zeros(len(TIME))
+
+
+@pytest.mark.parametrize("later", [-0.0137, 0.004, 0.05])
+def test_a_smooth_signal_is_moved_by_any_part_of_a_sample(later):
+    moved = shift(TIME, np.sin(3 * TIME), later, ONE)
+    slope = shift(TIME, np.sin(3 * TIME), later, ONE, 1)
+    inside = slice(20, -20)
+    np.testing.assert_allclose(moved[inside], np.sin(3 * (TIME + later))[inside], atol=1e-7)
+    np.testing.assert_allclose(slope[inside], 3 * np.cos(3 * (TIME + later))[inside], atol=1e-4)
+
+
+def test_one_log_does_not_reach_into_the_next():
+    run = np.repeat([0.0, 1.0], len(TIME) // 2)
+    moved = shift(np.tile(TIME[:200], 2), run, 0.05, run)
+    np.testing.assert_allclose(moved, run, atol=1e-12)
+
+
+def test_the_share_of_noise_that_is_kept_is_that_of_a_simulation():
+    noise = np.random.default_rng(0).standard_normal(200_000)
+    moved = shift(np.arange(200_000.0), noise, 0.5, np.zeros(200_000))
+    assert kept(0.0) == pytest.approx(1.0)
+    assert moved.var() / noise.var() == pytest.approx(kept(0.5), rel=0.01)
+
+
+def test_a_model_with_a_delay_takes_the_torques_of_the_delayed_time():
+    library = Library()
+    rig = "DriveTrain.Rigs.GearedJoint"
+    late, bare = compile_model(library, rig, [("time_delay", "torque")]), compile_model(library, rig)
+    motion = {"motor.phi": TIME, "der(motor.phi)": 1.0, "der(der(motor.phi))": 0.0}
+    d = 0.023
+    a = estimate(late, {**motion, "motor.tau": np.sin(2 * (TIME - d))}, TIME, {"time_delay_torque.d": d})
+    b = estimate(bare, {**motion, "motor.tau": np.sin(2 * TIME)}, TIME)
+    np.testing.assert_allclose(a["C"][20:-20], b["C"][20:-20], atol=1e-5)
