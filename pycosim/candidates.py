@@ -17,7 +17,7 @@ from . import cache
 from .compile import ArrayFunction, catalogue, compile_model, places, potentials, solve
 from .compile.effects import PARTNER, ports
 from .compile.model import Question, _dump, _load
-from .delays import shift
+from .delays import Record
 from .noise import contiguous
 from .residuals import Residuals
 from .states import propagate
@@ -25,6 +25,8 @@ from .states import propagate
 CYCLES = 20.0  # highest number of cycles a revolution that is searched
 AHEAD = "ahead(signal.tau)"  # by how much a torque is ahead of its record
 _LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
+_ENOUGH = 20000  # samples to test by; longer logs are thinned, the noise of the residual averaged ..
+_SHORT = 0.05  # .. over at most so many seconds
 
 
 @dataclass
@@ -142,6 +144,18 @@ def _vanishes(expression):
     return all(np.abs(np.array(value.call([ca.DM(v) for v in p])[0])).max() < 1e-12 for p in points)
 
 
+def _averaged(values, pieces, width):
+    """Running mean over so many samples, within pieces."""
+    found = np.empty_like(values)
+    for s in pieces:
+        n = s.stop - s.start
+        sums = np.concatenate([np.zeros((len(values), 1)), np.cumsum(values[:, s], axis=1)], axis=1)
+        low = np.maximum(np.arange(n) - width // 2, 0)
+        high = np.minimum(np.arange(n) + width // 2 + 1, n)
+        found[:, s] = (sums[:, high] - sums[:, low]) / (high - low)
+    return found
+
+
 def grids(effect, scan_values):
     """Grid points of an effect's vanishing coefficients, without the cycles (they are scanned apart)."""
     axes = [(c, scan_values[kind]) for c, kind in effect.scan.items() if kind in scan_values]
@@ -178,7 +192,8 @@ class Table:
         whole = self.dataset.residuals(self.probe_model, free, parameters, self.part, exogenous)
         x = [*self.fit.values, *np.zeros(len(self.probes))]
         effects = sum(1 for _ in catalogue(self.library))
-        self.thin = max(1, int(np.ceil(whole.n * len(whole.channels) * 12.0 * effects * 8 / _LIMIT)))
+        most = min(_ENOUGH, _LIMIT / (len(whole.channels) * 12.0 * effects * 8))
+        self.thin = max(1, int(np.ceil(whole.n / most))) | 1  # odd, so that an average has its sample in the middle
         whole = whole.thin(self.thin) if self.thin > 1 else whole
         self.time, self.group, self.block = whole.time, whole.group, whole.block
         p = len(self.fit.free)
@@ -191,8 +206,13 @@ class Table:
             self.responses.append(slope[:, p:])
             self.slope = slope[:, :p] if k == 0 else self.slope + slope[:, :p]
         plain = self.dataset.residuals(self.model, self.fit.free, self.fit.parameters, self.part)
-        plain = plain.thin(self.thin) if self.thin > 1 else plain
         self.residual = plain.residual(self.fit.values)
+        if self.thin > 1:
+            pieces = contiguous(plain.time, plain.group)
+            usual = float(np.median(np.diff(plain.time)))
+            width = min(self.thin, int(_SHORT / max(usual, 1e-9)) // 2 * 2 + 1)
+            self.residual = _averaged(self.residual, pieces, width)[:, ::self.thin]
+        self.path = self.dataset.path(self.part, self.thin)
         self.channels = self.dataset.channels
 
     def _signals(self):
@@ -204,6 +224,7 @@ class Table:
                   for v in kind.potentials]
         names += sorted({i for e in catalogue(self.library).values() for i in e.inputs})
         self.full = {**d.signals, **d.measured, **d.segment_signals(q, self.fit.parameters, names, None, d.exogenous())}
+        self._followed, self._records = {}, {}
         self._kept, self._own = {}, {id(v) for v in (d.time, *self.full.values())}
         self.takes = [take for _, _, take in d._picks(d.view(self.part))]
 
@@ -216,12 +237,24 @@ class Table:
         found["flange.phi"] = self.full.get(f"{component}.phi")
         found["der(der(flange.phi))"] = self.full.get(f"der(der({component}.phi))")
         if effect.channel:
-            now, d = found["signal.tau"], self.dataset
-            found[AHEAD] = None if now is None else now - shift(d.time, now, -delay, d.run)
+            now = found["signal.tau"]
+            found[AHEAD] = None if now is None else self._ahead(now, delay)
         found.update({i: self.full.get(i) for i in effect.inputs})
         if term is None:
             return found
         return {n: self._taken(term, v) if isinstance(v, np.ndarray) else v for n, v in found.items()}
+
+    def _ahead(self, now, delay):
+        """What a signal is ahead of itself a delay earlier."""
+        if id(now) not in self._records:
+            self._records[id(now)] = Record(self.dataset.time, now, self.dataset.run)
+        return self._spread(now[self.path] - self._records[id(now)].at(-delay, some=self.path))
+
+    def _spread(self, values):
+        """Values along the path as an array over all samples, zero between."""
+        found = np.zeros((*values.shape[:-1], len(self.dataset.time)))
+        found[..., self.path] = values
+        return found
 
     def _taken(self, term, values):
         """A signal at the samples of a term; most are asked for by many candidates."""
@@ -345,17 +378,28 @@ class Table:
         lower, upper = np.array(bounds).T
         return Candidate(effect, place, grid, parts, contribution.coefficients, lower, upper)
 
+    def _states(self, contribution, component, grid, partner):
+        """States of an effect at every sample of the path, shape (states, n)."""
+        q, d = contribution.question, self.dataset
+        if not q.states:
+            return np.zeros((0, len(d.time)))
+        values = {**contribution.defaults, **grid}
+        named = ca.vertcat(*[ca.SX.sym(n) for n in q.inputs])
+        rate = q.rate(named, q.symbols()[1], ca.vertcat(*[values[n] for n in q.parameters]))
+        key = component, partner, str(rate)
+        if key not in self._followed:  # effects share states that move alike
+            signals = {n: v[self.path] if isinstance(v, np.ndarray) else v
+                       for n, v in self.port_signals(contribution.effect, component, None, partner).items()}
+            self._followed[key] = propagate(q, signals, d.time[self.path], values, d.run[self.path])[0]
+        return self._spread(self._followed[key])
+
     def column(self, contribution, component, grid, partner=None):
         """Columns of an effect at a component: ndarray, shape (coefficients, channels, n)."""
         q = contribution.question
         total, probes = 0.0, additions(self.library, contribution.effect)
-        states = np.zeros((len(q.states), len(self.dataset.time)))
         grid = {**self.dataset.means(contribution.effect), **grid}
         delay = contribution.delay(grid) if contribution.effect.channel else 0.0
-        if q.states:
-            values = {**contribution.defaults, **grid}
-            signals = self.port_signals(contribution.effect, component, None, partner)
-            states, _ = propagate(q, signals, self.dataset.time, values, self.dataset.run)
+        states = self._states(contribution, component, grid, partner)
         for term, response in enumerate(self.responses):
             n = response.shape[2]
             signals = self.port_signals(contribution.effect, component, term, partner, delay)

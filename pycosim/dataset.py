@@ -331,6 +331,29 @@ class Dataset:
                 self._views[key] = segmentation.Pairs(p.i[keep], p.j0[keep], p.j1[keep], p.weight[keep])
         return self._views[key]
 
+    def path(self, part, thin):
+        """Samples by which friction states are followed when a part is thinned.
+
+        Parameters
+        ----------
+        part : str or ndarray of int
+        thin : int
+            Of the part's samples, and of the others, every so many.
+
+        Returns
+        -------
+        slice or ndarray of int
+        """
+        if thin == 1:
+            return slice(None)
+        view, n = self.view(part), len(self.time)
+        wanted, rest = np.zeros(n, dtype=bool), np.ones(n, dtype=bool)
+        for index in (view.i, view.j0, view.j1) if self.paired else (view,):
+            wanted[index[::thin]], rest[index] = True, False
+        wanted[np.flatnonzero(rest)[::thin]] = True
+        wanted[np.r_[0, np.flatnonzero(np.diff(self.run)) + 1]] = True  # where a log starts
+        return np.flatnonzero(wanted)
+
     def residuals(self, model, free, parameters, part="fit", signals=None):
         """Residuals of a model on a part of the data.
 

@@ -42,8 +42,8 @@ def undo(question, signals, time, run, parameters, rest=None):
     values = ArrayFunction(chosen.output)([0.0] * (len(chosen.inputs) + len(chosen.states))
                                           + [float(parameters[n]) for n in chosen.parameters], 1)[:, 0]
     for name, delay in zip(question.late, values):
-        found[name] = shift(time, signals[name], delay, run)
-        found[f"der({name})"] = shift(time, signals[name], delay, run, 1)
+        record = Record(time, signals[name], run)
+        found[name], found[f"der({name})"] = record.at(delay), record.at(delay, 1)
         found[f"at({name})"] = float(delay)
         if rest:
             step = float(np.median(np.diff(time)))
@@ -59,27 +59,40 @@ def kept(fraction):
     return min(1.0, float((CubicSpline(np.arange(41), impulse)(np.arange(5, 35) + fraction) ** 2).sum()))
 
 
-def shift(time, values, later, run, order=0):
-    """Values of a signal at later times, log by log; beyond its ends the nearest value.
+class Record:
+    """A recorded signal that can be read at other times, log by log; beyond a log's ends, its nearest value.
 
     Parameters
     ----------
     time, values, run : ndarray, shape (n,)
-    later : float
-        [s]
-    order : int
-        1 for the slope instead.
-
-    Returns
-    -------
-    ndarray, shape (n,)
     """
-    if later == 0 and not order:
-        return values
-    result = np.zeros(len(values)) if order else values.copy()
-    for k in np.unique(run):
-        part = run == k
-        t = time[part]
-        if len(t) >= _LEAST:
-            result[part] = CubicSpline(t, values[part])(np.clip(t + later, t[0], t[-1]), order)
-    return result
+
+    def __init__(self, time, values, run):
+        self.time, self.values, self.run = time, values, run
+        parts = ((k, run == k) for k in np.unique(run))
+        self.splines = {k: CubicSpline(time[part], values[part]) for k, part in parts if part.sum() >= _LEAST}
+
+    def at(self, later, order=0, some=slice(None)):
+        """Values, or slopes, at later times.
+
+        Parameters
+        ----------
+        later : float
+            [s]
+        order : int
+            1 for the slope instead.
+        some : slice or ndarray of int
+            Samples wanted.
+
+        Returns
+        -------
+        ndarray, as many as are wanted
+        """
+        if later == 0 and not order:
+            return self.values[some]
+        time, run = self.time[some], self.run[some]
+        result = np.zeros(len(time)) if order else self.values[some].copy()
+        for k, spline in self.splines.items():
+            wanted = run == k
+            result[wanted] = spline(np.clip(time[wanted] + later, spline.x[0], spline.x[-1]), order)
+        return result

@@ -81,7 +81,7 @@ class Scores:
         self.table, self.rng, self.draws = table, np.random.default_rng(seed), draws
         self.p = len(table.fit.free)
         self.pieces = contiguous(table.time, table.group)
-        self.weights, self.few = table.fit.weights, max(1, len(table.time) // 10000)
+        self.weights, self.few = table.fit.weights, max(1, len(table.time) // 5000)
         self.candidates, self.columns = list(table.candidates), list(table.columns)
         self._noise()
         self._scan_cycles()
@@ -243,14 +243,6 @@ class Scores:
 
     # ---- tests
 
-    def _parts(self, candidate):
-        """Matrix that takes the candidate's coefficients to rows of the moments."""
-        matrix = np.zeros((len(self.gram) - 1, len(candidate.parts)))
-        for k, part in enumerate(candidate.parts):
-            for row in part:
-                matrix[self.p + row, k] = 1.0
-        return matrix
-
     def _test(self):
         """Statistic, single and family-wise p-value of every candidate."""
         p, gram, base = self.p, self.gram, self._yielding()
@@ -260,16 +252,15 @@ class Scores:
         values, vectors = np.linalg.eigh((schur + schur.T) / 2)
         root = vectors * np.sqrt(np.maximum(values, 0))
         noise = self.rng.standard_normal((self.draws, len(schur))) @ root.T
-        self.results, largest = [], self.scan_draws.copy()
+        self.results, extremes = [], {}
         for candidate in self.candidates:
-            t = self._parts(candidate)[p:]
-            inner = t.T @ schur @ t
-            if not self._visible(candidate, inner, t.T @ gram[p:-1, p:-1] @ t):
+            inner, d = _summed(schur, candidate.parts), len(candidate.parts)
+            if not self._visible(candidate, inner, _summed(gram[p:-1, p:-1], candidate.parts)):
                 self.results.append(Score(candidate))
                 continue
-            sided = len(candidate.parts) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
+            sided = d == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
             value, coefficients = self._fall(candidate)
-            surprise = float(self._surprise(value, len(t.T), sided))
+            surprise = float(self._surprise(value, d, sided))
             self.results.append(Score(candidate, value, surprise, coefficients, True))
             if not candidate.extra.get("scanned"):
                 z = np.array([noise[:, part].sum(1) for part in candidate.parts]).T
@@ -277,8 +268,9 @@ class Scores:
                 if sided:
                     sign = 1 if candidate.lower[0] == 0 else -1
                     chance = np.where(sign * z[:, 0] > 0, chance, 0.0)
-                largest = np.maximum(largest, -self._log_chi2(chance, len(t.T), sided))
-        self.largest = np.sort(largest)
+                extremes[d, sided] = np.maximum(extremes.get((d, sided), 0.0), chance)
+        surprises = [-self._log_chi2(chance, *kind) for kind, chance in extremes.items()]
+        self.largest = np.sort(np.max([self.scan_draws, *surprises], axis=0))
 
     def _yielding(self):
         """Base parameters that can absorb a candidate: not those that the data press against a bound.
@@ -326,10 +318,8 @@ class Scores:
 
     def _fall(self, candidate):
         """Fall of the whitened sum of squares, over its variance, with base and candidate inside their bounds."""
-        t = self._parts(candidate)
-        rows = np.concatenate([np.eye(len(self.gram) - 1)[:, :self.p], t], axis=1)
-        a = rows.T @ self.gram[:-1, :-1] @ rows
-        b = rows.T @ self.gram[:-1, -1]
+        groups = [*[[k] for k in range(self.p)], *[self.p + np.array(part) for part in candidate.parts]]
+        a, b = _summed(self.gram, groups), np.array([self.gram[-1][g].sum() for g in groups])
         with_it, x = bounded(a, b, *self._bounds(candidate))
         if not hasattr(self, "_without"):
             self._without = bounded(a[:self.p, :self.p], b[:self.p], *self._bounds(None))[0]
@@ -347,6 +337,12 @@ class Scores:
         """Family-wise p-value of a surprise."""
         above = len(self.largest) - np.searchsorted(self.largest, surprise, side="left")
         return (1 + above) / (1 + len(self.largest))
+
+
+def _summed(matrix, groups):
+    """Rows and columns of a symmetric matrix, summed group by group."""
+    rows = np.array([matrix[g].sum(0) for g in groups])
+    return np.array([rows[:, g].sum(1) for g in groups])
 
 
 def _periodic(effect):
