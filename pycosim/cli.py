@@ -219,13 +219,8 @@ class Run:
         Dataset
         """
         from .dataset import Dataset
-        from .measurements import require_alike
         self.progress("reading the logs")
         self.dataset = Dataset(self.study, self.library)
-        require_alike(self.dataset.logs, self.dataset.outputs)
-        if self.dataset.paired and self.study.reference != "unknown":
-            raise StudyError(f'{self.study.path}: reference = "{self.study.reference}", but no log holds '
-                             f'{", ".join(self.dataset.outputs)}; log that, or write reference = "unknown"')
         self.lines += self.results.summary_data(self.dataset)
         return self.dataset
 

@@ -11,8 +11,8 @@ import numpy as np
 from . import segmentation
 from .compile import ArrayFunction, catalogue, compile_model, component_name
 from .delays import undo
-from .errors import DataError
-from .measurements import default_window, derivatives, load, require, resolution
+from .errors import DataError, StudyError
+from .measurements import default_window, derivatives, load, require, require_alike, resolution
 from .noise import contiguous
 from .residuals import Residuals, Term
 from .states import dependent_parameters, propagate
@@ -71,6 +71,10 @@ class Dataset:
             self.asked, forms = "balance", self.base.alternatives("balance")
         self.outputs, self.known = forms[self.form]
         self._choose_outputs(named, balanced, have)
+        require_alike(self.logs, self.outputs)
+        if self.paired and self.study.reference != "unknown":
+            raise StudyError(f'{self.study.path}: reference = "{self.study.reference}", but no log holds '
+                             f'{", ".join(self.outputs)}; log that, or write reference = "unknown"')
         self.question = self.ask(self.base)
 
     def _choose_outputs(self, named, balanced, have):
