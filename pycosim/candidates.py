@@ -63,7 +63,18 @@ class Candidate:
 
 
 def additions(library, effect):
-    """What an effect may add, and the parameter of the place's probe that stands for it."""
+    """What an effect may add, and the parameter of the place's probe that stands for it.
+
+    Parameters
+    ----------
+    library : Library
+    effect : Effect
+
+    Returns
+    -------
+    dict of str to str
+        Variable of the effect, to parameter of the probe.
+    """
     found = {a: a for c in effect.ports if c in ports(library) for a in ports(library)[c].additions}
     return {**found, "loss": "dtau"} if "dtau" in found else found  # torque at the shaft reads like one in the channel
 
@@ -71,9 +82,19 @@ def additions(library, effect):
 def effect_question(library, effect):
     """An effect's own equation: state of its ports in, additions out.
 
+    Parameters
+    ----------
+    library : Library
+    effect : Effect
+
     Returns
     -------
     Question
+
+    Raises
+    ------
+    ModelicaError
+        The effect by itself does not compile, or does not determine its additions.
     """
     def make():
         flat = library.flatten(effect.model)
@@ -122,7 +143,18 @@ class Contribution:
         self.function = ArrayFunction(ca.Function("contribution", [u, x, p], [ca.densify(ca.cse(v)) for v in parts]))
 
     def delay(self, grid):
-        """Delay of a channel effect at a grid point [s]."""
+        """Delay of a channel effect at a grid point.
+
+        Parameters
+        ----------
+        grid : dict of str to float
+            Values of the coefficients that vanish with the effect.
+
+        Returns
+        -------
+        float
+            [s]
+        """
         values = {**self.defaults, **grid}
         chosen = self.whole.select(["delay"])
         arguments = [0.0] * len(chosen.inputs) + [values[p] for p in chosen.parameters]
@@ -157,7 +189,19 @@ def _averaged(values, pieces, width):
 
 
 def grids(effect, scan_values):
-    """Grid points of an effect's vanishing coefficients, without the cycles (they are scanned apart)."""
+    """Grid points of an effect's vanishing coefficients, without the cycles (they are scanned apart).
+
+    Parameters
+    ----------
+    effect : Effect
+    scan_values : dict of str to ndarray
+        Values to try, by kind of grid; see `Table.scan_values`.
+
+    Returns
+    -------
+    list of dict of str to float
+        One empty point where nothing vanishes.
+    """
     axes = [(c, scan_values[kind]) for c, kind in effect.scan.items() if kind in scan_values]
     return [dict(zip([c for c, _ in axes], point)) for point in itertools.product(*[v for _, v in axes])]
 
@@ -229,7 +273,24 @@ class Table:
         self.takes = [take for _, _, take in d._picks(d.view(self.part))]
 
     def port_signals(self, effect, component, term=None, partner=None, delay=0.0):
-        """Signals that an effect reads at a component, at all samples or at those of a term."""
+        """Signals that an effect reads at a component, at all samples or at those of a term.
+
+        Parameters
+        ----------
+        effect : Effect
+        component : str
+        term : int, optional
+            Number of the residual's term; its samples are thinned like the table.
+        partner : str, optional
+            Other component of a pair.
+        delay : float
+            Of a channel effect [s].
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            By name in the effect. A number where it is the same for all samples, None where the log does not give it.
+        """
         found = {"time": None if self.dataset.averaged else self.dataset.time}
         for connector in effect.connectors:
             found.update(self._potentials(connector, effect, component if partner is None or connector != PARTNER
@@ -279,16 +340,47 @@ class Table:
         return found
 
     def reads(self, effect):
-        """What an effect reads of the ports of its place."""
+        """What an effect reads of the ports of its place.
+
+        Parameters
+        ----------
+        effect : str
+            Its id.
+
+        Returns
+        -------
+        set of str
+            Names without the port's, as ``mu``.
+        """
         return {n.partition(".")[2] for n in effect_question(self.library, catalogue(self.library)[effect]).inputs}
 
     def least_loss(self, component):
-        """Loss below which an effect relative to it could not be seen; a missing effect can press f0 to zero."""
+        """Loss below which an effect relative to it could not be seen; a missing effect can press f0 to zero.
+
+        Parameters
+        ----------
+        component : str
+
+        Returns
+        -------
+        float
+            In the unit of ``f0``; zero for a component without one.
+        """
         v = self.fit.variables.get(f"{component}.f0")
         return 0.2 * v.nominal if v is not None else 0.0
 
     def most_efficient(self, component):
-        """Efficiency above which an effect on the load term could not be seen; a missing one can press mu to one."""
+        """Efficiency above which an effect on the load term could not be seen; a missing one can press mu to one.
+
+        Parameters
+        ----------
+        component : str
+
+        Returns
+        -------
+        float
+            [1]; one where ``mu`` is not fitted.
+        """
         v = self.fit.variables.get(f"{component}.mu")
         return 1 - 0.5 * v.nominal if v is not None and v.name in self.fit.free else 1.0
 
@@ -321,7 +413,18 @@ class Table:
                 if n in needed and v is None]
 
     def scan_values(self, component):
-        """Grids for coefficients that vanish with their effect, from what the data cover."""
+        """Grids for coefficients that vanish with their effect, from what the data cover.
+
+        Parameters
+        ----------
+        component : str
+
+        Returns
+        -------
+        dict of str to ndarray
+            By kind of grid: ``time``, ``delay`` [s], ``quadrature``, ``angle``, ``travel`` [rad], ``speed`` [rad/s];
+            without those that the data say nothing of.
+        """
         if component not in self._grids:
             self._grids[component] = self._scan_values(component)
         return self._grids[component]
@@ -366,11 +469,34 @@ class Table:
                 self.candidates.append(self.candidate(contribution, place, grid, parts))
 
     def contribution(self, effect):
-        """What an effect adds to its ports; made once."""
+        """What an effect adds to its ports; made once.
+
+        Parameters
+        ----------
+        effect : Effect
+
+        Returns
+        -------
+        Contribution
+        """
         return self.library.memo(("contribution", effect.id), lambda: Contribution(self.library, effect))
 
     def candidate(self, contribution, place, grid, parts):
-        """A candidate with the bounds of its coefficients."""
+        """A candidate with the bounds of its coefficients.
+
+        Parameters
+        ----------
+        contribution : Contribution
+        place : Place
+        grid : dict of str to float
+            Values of the coefficients that vanish with the effect.
+        parts : list of list of int
+            Column numbers of each coefficient.
+
+        Returns
+        -------
+        Candidate
+        """
         effect, described = contribution.effect, contribution.question.variables
         bounds = [(0.0, 2.0) if c in effect.scan else (described[c].min - described[c].value,
                                                        described[c].max - described[c].value)
@@ -394,7 +520,22 @@ class Table:
         return self._spread(self._followed[key])
 
     def column(self, contribution, component, grid, partner=None):
-        """Columns of an effect at a component: ndarray, shape (coefficients, channels, n)."""
+        """Columns of an effect at a component.
+
+        Parameters
+        ----------
+        contribution : Contribution
+        component : str
+        grid : dict of str to float
+            Values of the coefficients that vanish with the effect.
+        partner : str, optional
+            Other component of a pair.
+
+        Returns
+        -------
+        ndarray, shape (coefficients, channels, n)
+            Change of the modelled channels, in their units, a unit of each coefficient.
+        """
         q = contribution.question
         total, probes = 0.0, additions(self.library, contribution.effect)
         grid = {**self.dataset.means(contribution.effect), **grid}

@@ -1,4 +1,4 @@
-"""Logs, study and model in; samples in, arranged for fitting: channels, moving samples, blocks, held-out part, pairs."""
+"""Logs, study and model in; samples arranged for fitting out: channels, moving ones, blocks, held-out part, pairs."""
 
 from __future__ import annotations
 
@@ -94,6 +94,14 @@ class Dataset:
         """The question that a model of this rig is asked about these data.
 
         On moving samples a segment's own state is at its limit, at rest, so that its damping adds nothing.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        Question
         """
         question = model.question(self.asked, self.form, tuple(self.aliases.items()))
         return question.fixed({n: 0.0 for n in (f"{c}.damping" for c in model.segments) if n in question.parameters})
@@ -134,6 +142,17 @@ class Dataset:
     def segment_signals(self, model, parameters, names, states=None, signals=None):
         """Outputs of the model at every sample, such as ``s1A.w`` and ``s1A.L``.
 
+        Parameters
+        ----------
+        model : Model
+        parameters : dict of str to float
+        names : list of str
+            Those that are no outputs are left out.
+        states : ndarray, shape (states, n), optional
+            Friction states; followed along the log by default.
+        signals : dict of str to ndarray, shape (n,), optional
+            Instead of those recorded, as `exogenous` gives them.
+
         Returns
         -------
         dict of str to ndarray, shape (n,)
@@ -154,6 +173,23 @@ class Dataset:
 
         The segments' own states are at their sliding limit, the sign of the speed, which holds on moving samples; the
         states of effects are followed along the log, from what the angles moved between samples.
+
+        Parameters
+        ----------
+        model : Model
+        parameters : dict of str to float
+        free : sequence of str
+            Parameters whose sensitivities are wanted.
+
+        Returns
+        -------
+        states : ndarray, shape (number of states, n)
+        sensitivities : ndarray, shape (len(free), number of states, n)
+
+        Raises
+        ------
+        ModelicaError
+            A state of an effect is coupled to another, or its rate is not made of one or two straight pieces.
         """
         question = self.ask(model)
         own = [f"{c}.z" for c in model.segments]
@@ -170,7 +206,20 @@ class Dataset:
         return states, sensitivities
 
     def undelayed(self, question, parameters, signals=None):
-        """Signals at the times they tell of, for a model that delays their record; else as recorded."""
+        """Signals at the times they tell of, for a model that delays their record; else as recorded.
+
+        Parameters
+        ----------
+        question : Question
+        parameters : dict of str to float
+        signals : dict of str to ndarray, shape (n,), optional
+            Instead of those recorded, as `exogenous` gives them.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            The same dict where nothing is delayed; else with each delay [s], a number, under ``at(x)``.
+        """
         signals = self.signals if signals is None else signals
         if not question.late:
             return signals
@@ -202,7 +251,13 @@ class Dataset:
         return self._exogenous
 
     def weights(self):
-        """Weight of each channel in a fit: one over its noise, the same for every model of this data set."""
+        """Weight of each channel in a fit: one over its noise, the same for every model of this data set.
+
+        Returns
+        -------
+        ndarray, shape (channels,)
+            Their geometric mean is one.
+        """
         if not hasattr(self, "_weights"):
             parameters = {n: v.value for n, v in self.variables(self.base).items()}
             level = np.median(self.noise_level(self.base, parameters), axis=1)
@@ -215,9 +270,17 @@ class Dataset:
         A model that responds less to a noisy torque leaves less noise in its residual without being a better model;
         rivals are compared after dividing by this level.
 
+        Parameters
+        ----------
+        model : Model
+        parameters : dict of str to float
+        part : str or ndarray of int
+            As for `choose`.
+
         Returns
         -------
         ndarray, shape (channels, n)
+            Standard deviations in the channels' units; one where the signals show no scatter.
         """
         question = self.ask(model).select(self.outputs)
         u, x, p = question.symbols()
@@ -307,20 +370,46 @@ class Dataset:
         self.fold[~self.is_test] = of_run % FOLDS if len(runs) >= 4 else segmentation.folds(fitted, FOLDS)
 
     def held_out_ranges(self):
-        """Held-out part as ``[file, t0, t1]`` entries."""
+        """Held-out part as ``[file, t0, t1]`` entries.
+
+        Returns
+        -------
+        list of [str, float, float]
+            Times in s.
+        """
         return [[self.logs[self.blocks.run[b]].name, float(self.blocks.t0[b]), float(self.blocks.t1[b])]
                 for b in np.flatnonzero(self.is_test)]
 
     # ---- residuals
 
     def choose(self, part):
-        """Blocks of a part: ``"fit"``, ``"test"``, ``"all"``, or the given ones."""
+        """Blocks of a part: ``"fit"``, ``"test"``, ``"all"``, or the given ones.
+
+        Parameters
+        ----------
+        part : str or sequence of int
+
+        Returns
+        -------
+        ndarray of int
+        """
         if isinstance(part, str):
             return np.flatnonzero({"fit": ~self.is_test, "test": self.is_test, "all": self.is_test | True}[part])
         return np.asarray(part)
 
     def view(self, part):
-        """Indices of the samples (or pairs of samples) of a part."""
+        """Indices of the samples (or pairs of samples) of a part.
+
+        Parameters
+        ----------
+        part : str or sequence of int
+            As for `choose`.
+
+        Returns
+        -------
+        ndarray of int or segmentation.Pairs
+            Pairs where the data are paired.
+        """
         blocks = self.choose(part)
         key = blocks.tobytes()
         if key not in self._views:
@@ -361,9 +450,26 @@ class Dataset:
     def residuals(self, model, free, parameters, part="fit", signals=None):
         """Residuals of a model on a part of the data.
 
+        Parameters
+        ----------
+        model : Model
+        free : list of str
+            Parameters to differentiate by.
+        parameters : dict of str to float
+            All parameters.
+        part : str or sequence of int
+            As for `choose`.
+        signals : dict of str to ndarray, shape (n,), optional
+            Instead of those recorded, as `exogenous` gives them.
+
         Returns
         -------
         Residuals
+
+        Raises
+        ------
+        DataError
+            Fewer samples than free parameters and two.
         """
         question = self.ask(model)
         view = self.view(part)
@@ -407,13 +513,32 @@ class Dataset:
         return [(0.5, view.i, lambda v: view.at(v)[0]), (-0.5, view.i, lambda v: view.at(v)[1])]
 
     def reference(self, channel):
-        """Measured values of a channel at every sample; zero where the error itself is modelled."""
+        """Measured values of a channel at every sample; zero where the error itself is modelled.
+
+        Parameters
+        ----------
+        channel : str
+            Output of the question.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
         return self.measured.get(channel, np.zeros(len(self.time)))
 
     # ---- parameters
 
     def variables(self, model):
-        """Parameters of a model, with the bounds and values of the study."""
+        """Parameters of a model, with the bounds and values of the study.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        dict of str to Variable
+        """
         found = dict(model.parameters)
         for name, setting in self.study.parameters.items():
             if name in found:
@@ -434,15 +559,44 @@ class Dataset:
         return found
 
     def means(self, effect):
-        """Parameters of an effect that stand for the mean of something measured."""
+        """Parameters of an effect that stand for the mean of something measured.
+
+        Parameters
+        ----------
+        effect : Effect
+
+        Returns
+        -------
+        dict of str to float
+            Without those of what was not measured.
+        """
         return {n: float(self.measured[v].mean()) for n, v in effect.means.items() if v in self.measured}
 
     def values(self, model):
-        """Values that the study sets."""
+        """Values that the study sets.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        dict of str to float
+            Without parameters that the model does not have.
+        """
         return {n: s.value for n, s in self.study.parameters.items() if s.value is not None and n in model.parameters}
 
     def free(self, model):
-        """Free parameters: those the study names and does not fix, encoder zeros, and the attached effects' own."""
+        """Free parameters: those the study names and does not fix, encoder zeros, and the attached effects' own.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        list of str
+        """
         named = [n for n, s in self.study.parameters.items() if s.fixed is False and n in model.parameters]
         named += [n for n in self.zeros if n not in self.study.parameters]
         for effect, place in model.attached:

@@ -53,7 +53,18 @@ def undo(question, signals, time, run, parameters, rest=None):
 
 @cache
 def kept(fraction):
-    """Share of the power of white noise that a cubic spline keeps at a fraction of a sample."""
+    """Share of the power of white noise that a cubic spline keeps at a fraction of a sample.
+
+    Parameters
+    ----------
+    fraction : float
+        From 0 to 1.
+
+    Returns
+    -------
+    float
+        One at a sample itself.
+    """
     impulse = np.zeros(41)
     impulse[20] = 1.0
     return min(1.0, float((CubicSpline(np.arange(41), impulse)(np.arange(5, 35) + fraction) ** 2).sum()))

@@ -229,7 +229,19 @@ class Scores:
             {"scanned": True, "phase": quadrature}))
 
     def predicted(self, candidate, coefficients):
-        """Mean square of each channel after adding a candidate, with the base refitted within its bounds."""
+        """Mean square of each channel after adding a candidate, with the base refitted within its bounds.
+
+        Parameters
+        ----------
+        candidate : Candidate
+        coefficients : ndarray, shape (coefficients,), or None
+            Expected coefficients; None adds nothing.
+
+        Returns
+        -------
+        list of float
+            One a channel, in its unit squared.
+        """
         p = self.p
         y = np.zeros(len(self.gram))
         y[-1] = 1.0
@@ -334,7 +346,18 @@ class Scores:
         return np.r_[low, candidate.lower], np.r_[high, candidate.upper]
 
     def family(self, surprise):
-        """Family-wise p-value of a surprise."""
+        """Family-wise p-value of a surprise.
+
+        Parameters
+        ----------
+        surprise : float
+            Minus log of a single p-value.
+
+        Returns
+        -------
+        float
+            Share of the draws whose largest surprise is no smaller, this one counted among them.
+        """
         above = len(self.largest) - np.searchsorted(self.largest, surprise, side="left")
         return (1 + above) / (1 + len(self.largest))
 
@@ -459,7 +482,17 @@ def _cross_validate(gram, fold, low, high):
 
 
 def difference(a, b):
-    """Sum of the differences of two block-wise errors, and its standard error."""
+    """Sum of the differences of two block-wise errors, and its standard error.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (blocks,)
+
+    Returns
+    -------
+    total, stderr : float
+        The second is infinite for a single block.
+    """
     d = a - b
     return float(d.sum()), float(np.sqrt(len(d) * d.var(ddof=1))) if len(d) > 1 else float("inf")
 

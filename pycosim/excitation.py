@@ -43,7 +43,19 @@ def undetectable(table, scores):
 
 
 def definite(table, place, needs):
-    """A reason that holds whatever the noise: the log does not vary what the effect needs; else None."""
+    """A reason that holds whatever the noise: the log does not vary what the effect needs; else None.
+
+    Parameters
+    ----------
+    table : Table
+    place : Place
+    needs : str
+        What the effect's annotation says it needs, as ``speeds reversals``.
+
+    Returns
+    -------
+    str or None
+    """
     component = place.components[0]
     if not hasattr(table, "_definite"):
         table._definite = _coverage(table.dataset)

@@ -73,13 +73,33 @@ class Fit:
         return self.covariance / np.outer(s, s)
 
     def identifiable(self, name):
-        """Whether the data determine this parameter by itself."""
+        """Whether the data determine this parameter by itself.
+
+        Parameters
+        ----------
+        name : str
+            A free parameter.
+
+        Returns
+        -------
+        bool
+        """
         k = self.free.index(name)
         scale = np.array([self.variables[n].nominal for n in self.free])
         return not any(abs(d[k] / scale[k]) > 1e-4 * np.max(np.abs(d / scale)) for d in self.null_directions)
 
     def at_bound(self, name):
-        """``"min"``, ``"max"`` or None."""
+        """Bound that a free parameter is at.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        str or None
+            ``"min"`` or ``"max"``.
+        """
         k, v = self.free.index(name), self.variables[name]
         tolerance = 1e-6 * v.nominal
         if self.values[k] <= v.min + tolerance:
@@ -91,6 +111,18 @@ class Fit:
 
         Centred on the estimate with the bounds lifted, so that a neighbour at its bound does not make it too narrow.
         Along a null direction: what the bounds alone allow.
+
+        Parameters
+        ----------
+        name : str
+            A free parameter.
+        level : float
+            Probability that it holds the parameter.
+
+        Returns
+        -------
+        list of float
+            Lower and upper end, in the parameter's unit.
         """
         k, v = self.free.index(name), self.variables[name]
         if not self.identifiable(name):
@@ -148,7 +180,7 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=No
     robust : bool
         Weigh samples down that are far out (Huber).
     most : int, optional
-        Number of samples to use at most, evenly spread, for a quick trial.
+        Samples to use, evenly spread, for a quick trial; of fewer than twice as many, all are used.
 
     Returns
     -------
@@ -354,6 +386,11 @@ def _root(inverse):
 
 def invert(normal):
     """Pseudo-inverse of a normal matrix, and the directions that it does not determine.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (p, p)
+        Symmetric, positive semidefinite.
 
     Returns
     -------

@@ -72,7 +72,18 @@ class Moments:
         return code
 
     def take(self, x):
-        """Sum the moments of each sign pattern at x; False where the model is not affine within the patterns."""
+        """Sum the moments of each sign pattern at x.
+
+        Parameters
+        ----------
+        x : ndarray, shape (p,)
+            Free parameters.
+
+        Returns
+        -------
+        bool
+            False where the model is not affine within the patterns, or has too many of them.
+        """
         code = self._code(x)
         self.starts = np.r_[0, np.flatnonzero(np.diff(code)) + 1]  # a run of samples keeps its pattern
         patterns, first, self.pattern = np.unique(code[self.starts], return_index=True, return_inverse=True)
@@ -88,7 +99,17 @@ class Moments:
         return self.holds(x)
 
     def holds(self, x):
-        """Whether at x the model still is the affine maps, signs included; checked on some samples."""
+        """Whether at x the model still is the affine maps, signs included; checked on some samples.
+
+        Parameters
+        ----------
+        x : ndarray, shape (p,)
+            Free parameters.
+
+        Returns
+        -------
+        bool
+        """
         some = np.arange(0, self.problem.n, max(1, self.problem.n // _CHECKED))
         pattern = self.pattern[np.searchsorted(self.starts, some, side="right") - 1]
         affine = np.einsum("ncs,sn->cn", self._combined(x, False)[pattern, :, -1], self.rows[:, some])
@@ -133,7 +154,20 @@ class Moments:
         return found
 
     def slope_and_residual(self, x):
-        """Derivatives at the signals without noise, shape (channels, p, n), and the residual, shape (channels, n)."""
+        """Derivatives at the signals without noise, and the residual as measured.
+
+        Parameters
+        ----------
+        x : ndarray, shape (p,)
+            Free parameters.
+
+        Returns
+        -------
+        slope : ndarray, shape (channels, p, n)
+            Of the model.
+        residual : ndarray, shape (channels, n)
+            In the channels' units.
+        """
         combined = self._combined(x, True)
         patterns, channels, p, size = combined.shape
         found = np.empty((channels * p, self.problem.n))

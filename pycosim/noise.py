@@ -33,17 +33,44 @@ class Noise:
     sigma: float
 
     def independent(self, n, pieces):
-        """Number of independent values among n samples in so many pieces, as far as slow noise limits a fit."""
+        """Number of independent values among n samples in so many pieces, as far as slow noise limits a fit.
+
+        Parameters
+        ----------
+        n, pieces : int
+
+        Returns
+        -------
+        float
+        """
         if self.slow <= 0.1 * self.white:
             return float(n)
         return max(n / (1 + 2 * self.phi / (1 - self.phi + 1e-12)), float(pieces))
 
     def whiten(self, values):
-        """Innovations of ``values`` along the last axis, in units of their standard deviation."""
+        """Innovations of ``values`` along the last axis, in units of their standard deviation.
+
+        Parameters
+        ----------
+        values : ndarray, shape (.., n)
+
+        Returns
+        -------
+        ndarray, shape (.., n)
+        """
         return lfilter([1.0, -self.phi], [1.0, -self.theta], values, axis=-1) / self.sigma
 
     def colour(self, values):
-        """Multiply by a square root of the covariance of the noise along the last axis; comes out in reversed order."""
+        """Multiply by a square root of the covariance of the noise along the last axis; comes out in reversed order.
+
+        Parameters
+        ----------
+        values : ndarray, shape (.., n)
+
+        Returns
+        -------
+        ndarray, shape (.., n)
+        """
         return self.sigma * lfilter([1.0, -self.theta], [1.0, -self.phi], values[..., ::-1], axis=-1)
 
 
@@ -134,6 +161,17 @@ def arma(white, slow, phi):
 
     The differenced series ``y(t) - phi y(t - 1)`` has variance ``g0`` and lag-one covariance ``g1``; a moving average
     of order one has the same two (Box and Jenkins).
+
+    Parameters
+    ----------
+    white, slow : float
+        Standard deviations of the two parts.
+    phi : float
+        Correlation of the slow part from one sample to the next.
+
+    Returns
+    -------
+    Noise
     """
     g0 = slow ** 2 * (1 - phi ** 2) + white ** 2 * (1 + phi ** 2)
     g1 = -phi * white ** 2

@@ -90,7 +90,16 @@ class Residuals:
         return self.measured.shape[1]
 
     def thin(self, k):
-        """The same problem on every k-th sample."""
+        """The same problem on every k-th sample.
+
+        Parameters
+        ----------
+        k : int
+
+        Returns
+        -------
+        Residuals
+        """
         def terms(parameters, free):
             return [Term(t.weight, {n: _slice(v, slice(None, None, k)) for n, v in t.signals.items()},
                          t.states[:, ::k], t.sensitivities[:, :, ::k]) for t in self.terms(parameters, free)]
@@ -143,7 +152,19 @@ class Residuals:
                     slope[channel, self.free.index(name), inner] += term.weight * values[offset + k] * moved
 
     def residual(self, x, some=slice(None)):
-        """Residual of all samples, or of some, shape (channels, n)."""
+        """Residual of all samples, or of some.
+
+        Parameters
+        ----------
+        x : sequence of float
+            Values of the free parameters.
+        some : slice or ndarray of int
+
+        Returns
+        -------
+        ndarray, shape (channels, n)
+            In the channels' units.
+        """
         parameters = {**self.parameters, **dict(zip(self.free, x))}
         result = self.measured[:, some].copy()
         for term in self.terms(parameters, ()):
@@ -152,7 +173,7 @@ class Residuals:
         return result
 
     def gram(self, x, weights, robust=False):
-        """Moments of the weighted derivative and residual, [J r]' [J r], shape (p + 1, p + 1).
+        """Moments of the weighted derivative and residual, [J r]' [J r].
 
         They hold all a least-squares step needs, whatever the number of samples.
 
@@ -163,6 +184,10 @@ class Residuals:
             One a channel.
         robust : bool
             Weigh residuals beyond 1.345 median spreads down (Huber).
+
+        Returns
+        -------
+        ndarray, shape (p + 1, p + 1)
         """
         p = len(self.free)
         total = np.zeros((p + 1, p + 1))

@@ -227,6 +227,8 @@ def estimate(model, signals, time, parameters=None, form=0):
 
     Raises
     ------
+    StudyError
+        The rig's annotation has no ``estimate``.
     UnknownNameError
         The rig has no such variable or parameter.
     DataError
@@ -238,7 +240,32 @@ def estimate(model, signals, time, parameters=None, form=0):
 def compensate(model, signals, time, parameters=None, form=0):
     """What a rig's ``compensate`` asks for, as motor torques for wanted joint torques.
 
-    Parameters, returns and errors are those of `estimate`.
+    Parameters
+    ----------
+    model : pycosim.compile.Model
+    signals : dict of str to float or ndarray, shape (n,)
+        Motion and wanted torques, and derivatives as ``der(motor1.phi)``; one that is not given is taken by central
+        differences.
+    time : ndarray, shape (n,)
+        Samples [s], increasing; friction states start at zero at the first.
+    parameters : dict of str to float, optional
+        Instead of the model's defaults.
+    form : int
+        Which of the alternatives in the rig's annotation.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        What was asked for, and speed, load and loss of every segment among others.
+
+    Raises
+    ------
+    StudyError
+        The rig's annotation has no ``compensate``.
+    UnknownNameError
+        The rig has no such variable or parameter.
+    DataError
+        A known variable is missing, or has another length.
     """
     return _answer(model, "compensate", form, signals, time, parameters)
 

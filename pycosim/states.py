@@ -18,7 +18,16 @@ from .errors import ModelicaError
 
 
 def dependent_parameters(question):
-    """Names of the parameters that the friction states, or the times at which signals are taken, depend on."""
+    """Names of the parameters that the friction states, or the times at which signals are taken, depend on.
+
+    Parameters
+    ----------
+    question : Question
+
+    Returns
+    -------
+    list of str
+    """
     if "_dependent" not in question.__dict__:
         u, x, p = question.symbols()
         late = question.select(list(question.late.values())).output(u, x, p)
@@ -56,7 +65,17 @@ def advance(rate, x, h, p):
 
 
 def coupled(rate, x):
-    """Indices of the states whose rate depends on another state of the list."""
+    """Indices of the states whose rate depends on another state of the list.
+
+    Parameters
+    ----------
+    rate, x : SX, shape (n, 1)
+        Rates, and the symbols of the states.
+
+    Returns
+    -------
+    list of int
+    """
     return [i for i, r in enumerate(ca.vertsplit(rate))
             if any(ca.depends_on(r, s) for j, s in enumerate(ca.vertsplit(x)) if j != i)]
 
@@ -274,6 +293,15 @@ def scan(growth, drive):
     """Solve ``x[k + 1] = growth[k] x[k] + drive[k]`` from zero, along the last axis.
 
     The axis is cut into rows that advance side by side, then the end of each row starts the next.
+
+    Parameters
+    ----------
+    growth, drive : ndarray, shape (m, n)
+
+    Returns
+    -------
+    ndarray, shape (m, n + 1)
+        Each row starts with the zero.
     """
     m, n = growth.shape
     width = int(np.ceil(np.sqrt(n) / 4))

@@ -81,7 +81,7 @@ class ArrayFunction:
         return int(self.out_offsets[-1])
 
     def blocks(self, arguments, n, block=BLOCK):
-        """Yield (slice, result) a block; result has shape (rows, samples of the block) and is reused.
+        """Yield the result block by block, in a buffer that is reused.
 
         Parameters
         ----------
@@ -89,6 +89,15 @@ class ArrayFunction:
             One an argument of the function.
         n : int
             Number of samples.
+        block : int
+            Samples a block.
+
+        Yields
+        ------
+        where : slice
+            Samples of the block.
+        result : ndarray, shape (rows, m)
+            To be read before the next block is asked for.
         """
         buffers = np.empty((self.work_size, block))
         result = np.empty((self.rows, block))
@@ -121,6 +130,13 @@ class ArrayFunction:
 
     def __call__(self, arguments, n):
         """Evaluate over all samples.
+
+        Parameters
+        ----------
+        arguments : list of float or ndarray, shape (n,)
+            One an argument of the function.
+        n : int
+            Number of samples.
 
         Returns
         -------

@@ -96,12 +96,38 @@ class Place:
     components: tuple
 
     def partner(self, effect, component):
-        """The other component of a pair, where the effect reads one; else None."""
+        """The other component of a pair, where the effect reads one; else None.
+
+        Parameters
+        ----------
+        effect : Effect
+        component : str
+
+        Returns
+        -------
+        str or None
+        """
         return next((c for c in self.components if c != component), None) if PARTNER in effect.connectors else None
 
 
 def annotation(library, name):
-    """Vendor annotation ``__pycosim`` of a class and its bases, as a dict of strings, nearest first."""
+    """Vendor annotation ``__pycosim`` of a class and its bases, as a dict of strings, nearest first.
+
+    Parameters
+    ----------
+    library : Library
+    name : str
+        Modelica class.
+
+    Returns
+    -------
+    dict of str to str
+
+    Raises
+    ------
+    UnknownNameError
+        No such class.
+    """
     found = {}
     for _, node in library.bases(name):
         for argument in getattr(node.annotation, "arguments", None) or []:
@@ -116,7 +142,16 @@ def annotation(library, name):
 
 
 def snake(name):
-    """``TorqueOffset`` to ``torque_offset``."""
+    """``TorqueOffset`` to ``torque_offset``.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+    """
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
@@ -138,17 +173,53 @@ def _members_of(library, name):
 
 
 def is_connector(library, name):
-    """Whether a class is a connector."""
+    """Whether a class is a connector.
+
+    Parameters
+    ----------
+    library : Library
+    name : str
+        Modelica class or builtin type.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    UnknownNameError
+        No such class.
+    """
     return name not in ("Real", "Integer", "Boolean", "String") and library.find(name).type == "connector"
 
 
 def is_effect(library, name):
-    """Whether a class is an effect: it extends one of the library's effect interfaces."""
+    """Whether a class is an effect: it extends one of the library's effect interfaces.
+
+    Parameters
+    ----------
+    library : Library
+    name : str
+        Modelica class.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    UnknownNameError
+        No such class.
+    """
     return any(re.fullmatch(r"DriveTrain\.Interfaces\.\w+Effect", b) for b, _ in library.bases(name))
 
 
 def ports(library):
     """Kinds of ports by connector name, from the library's probes.
+
+    Parameters
+    ----------
+    library : Library
 
     Returns
     -------
@@ -168,12 +239,27 @@ def _ports(library):
 
 
 def potentials(library, connector):
-    """Members of a connector class that are not flows."""
+    """Members of a connector class that are not flows.
+
+    Parameters
+    ----------
+    library : Library
+    connector : str
+        Modelica class.
+
+    Returns
+    -------
+    tuple of str
+    """
     return tuple(n for n, (_, prefixes) in _members(library, connector).items() if "flow" not in prefixes)
 
 
 def catalogue(library):
     """All effects the library holds, by id: every model that extends an effect interface.
+
+    Parameters
+    ----------
+    library : Library
 
     Returns
     -------
@@ -265,9 +351,19 @@ def _single(library, members, notes, effect):
 def find_effect(library, name):
     """Return the effect of this id.
 
+    Parameters
+    ----------
+    library : Library
+    name : str
+
+    Returns
+    -------
+    Effect
+
     Raises
     ------
     UnknownNameError
+        No such effect; the nearest is named.
     """
     effects = catalogue(library)
     if name not in effects:
@@ -277,6 +373,18 @@ def find_effect(library, name):
 
 def find_place(library, rig, effect, name):
     """Return the place of this name.
+
+    Parameters
+    ----------
+    library : Library
+    rig : str
+        Modelica class.
+    effect : Effect
+    name : str
+
+    Returns
+    -------
+    Place
 
     Raises
     ------
@@ -294,18 +402,51 @@ def find_place(library, rig, effect, name):
 
 
 def component_name(effect, place):
-    """Modelica name of the component that carries an effect's coefficients: ``viscous_1A_2A``."""
+    """Modelica name of the component that carries an effect's coefficients: ``viscous_1A_2A``.
+
+    Parameters
+    ----------
+    effect : Effect
+    place : Place
+
+    Returns
+    -------
+    str
+    """
     return f"{effect.id}_{place.name.replace('+', '_').replace('.', '_')}"
 
 
 def instance_name(effect, place, component):
-    """Name of the component that stands for an effect at one of the components of its place."""
+    """Name of the component that stands for an effect at one of the components of its place.
+
+    Parameters
+    ----------
+    effect : Effect
+    place : Place
+    component : str
+        One of the place's.
+
+    Returns
+    -------
+    str
+    """
     base = component_name(effect, place)
     return base if component == place.components[0] else f"{base}_at_{component.replace('.', '_')}"
 
 
 def attachment(effect, place):
-    """Declarations and connections that hang an effect on a place."""
+    """Declarations and connections that hang an effect on a place.
+
+    Parameters
+    ----------
+    effect : Effect
+    place : Place
+
+    Returns
+    -------
+    declared, connected : list of str
+        Lines of Modelica.
+    """
     base = component_name(effect, place)
     declared, connected = [], []
     for component in place.components:

@@ -51,12 +51,28 @@ class Question:
     late: dict = field(default_factory=dict)
 
     def symbols(self):
-        """Fresh symbols for inputs, states and parameters."""
+        """Fresh symbols for inputs, states and parameters.
+
+        Returns
+        -------
+        u, x, p : SX, shape (k, 1)
+            In the order of ``inputs``, ``states`` and ``parameters``.
+        """
         return (ca.SX.sym("u", len(self.inputs)), ca.SX.sym("x", len(self.states)),
                 ca.SX.sym("p", len(self.parameters)))
 
     def select(self, outputs):
-        """The same question with fewer outputs."""
+        """The same question with fewer outputs.
+
+        Parameters
+        ----------
+        outputs : list of str
+
+        Returns
+        -------
+        Question
+            With the outputs in this order.
+        """
         u, x, p = self.symbols()
         y = self.output(u, x, p)
         rows = [y[self.outputs.index(o)] for o in outputs]
@@ -66,7 +82,16 @@ class Question:
                         self.late)
 
     def swapped(self, names):
-        """The same question with pairs of outputs under each other's name."""
+        """The same question with pairs of outputs under each other's name.
+
+        Parameters
+        ----------
+        names : dict of str to str
+
+        Returns
+        -------
+        Question
+        """
         both = {**names, **{b: a for a, b in names.items()}}
         return replace(self, outputs=[both.get(n, n) for n in self.outputs]) if names else self
 
@@ -168,7 +193,17 @@ class Model:
         return {c: names.get(c, c) for c in self.components("friction")}
 
     def components(self, connector):
-        """Components of the rig that carry a connector of this name."""
+        """Components of the rig that carry a connector of this name.
+
+        Parameters
+        ----------
+        connector : str
+            Name, not class.
+
+        Returns
+        -------
+        list of str
+        """
         found = []
         for component, (kind, _) in _members(self.library, self.rig).items():
             if (kind not in ("Real", "Integer", "Boolean") and not is_connector(self.library, kind)
@@ -183,11 +218,37 @@ class Model:
         return list(dict.fromkeys(n for effect, _ in self.attached for n in effect.measured))
 
     def aliases(self, key):
-        """Entries of the rig's annotation ``load`` or ``encoders``: a measured channel, and the output for it."""
+        """Entries of the rig's annotation ``load`` or ``encoders``: a measured channel, and the output for it.
+
+        Parameters
+        ----------
+        key : str
+
+        Returns
+        -------
+        dict of str to str
+            Empty without the entry. An encoder's output is followed by a colon and the parameter that is its zero.
+        """
         return dict(pair.split("=") for pair in self.notes.get(key, "").split())
 
     def alternatives(self, name):
-        """Forms of a question that the rig's annotation offers, as (outputs, inputs)."""
+        """Forms of a question that the rig's annotation offers, as (outputs, inputs).
+
+        Parameters
+        ----------
+        name : str
+            Key of the annotation, as ``estimate``.
+
+        Returns
+        -------
+        list of (list of str, list of str)
+            The inputs include those that attached effects take from the log.
+
+        Raises
+        ------
+        StudyError
+            The annotation has no such key.
+        """
         text = self.notes.get(name, "")
         forms = []
         for form in filter(None, (f.strip() for f in text.split(";"))):
@@ -277,7 +338,17 @@ class Model:
         return dict(zip(names, shifted))
 
     def effect_parameters(self, effect, place):
-        """Names of the coefficients of an attached effect."""
+        """Names of the coefficients of an attached effect.
+
+        Parameters
+        ----------
+        effect : Effect
+        place : Place
+
+        Returns
+        -------
+        list of str
+        """
         base = component_name(effect, place)
         return [f"{base}.{c}" for c in dict.fromkeys((*effect.size, *effect.scan))]
 

@@ -82,7 +82,18 @@ class Library:
                 raise ModelicaError(f"{path}: cannot be read as a Modelica file ({error})") from None
 
     def memo(self, key, make):
-        """Return ``make()``, computed once a key."""
+        """Return ``make()``, computed once a key.
+
+        Parameters
+        ----------
+        key : hashable
+        make : callable
+            Without arguments.
+
+        Returns
+        -------
+        object
+        """
         if key not in self._memo:
             self._memo[key] = make()
         return self._memo[key]
@@ -110,6 +121,14 @@ class Library:
     def find(self, name):
         """Return the pymoca class of a dotted name.
 
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        pymoca.ast.Class
+
         Raises
         ------
         UnknownNameError
@@ -124,14 +143,42 @@ class Library:
         return node
 
     def walk(self, node=None, prefix=""):
-        """Yield the dotted names of all models."""
+        """Yield the dotted names of all classes that are not packages.
+
+        Parameters
+        ----------
+        node : pymoca.ast.Class, optional
+            Where to begin; the whole tree by default.
+        prefix : str
+            Goes before each name.
+
+        Yields
+        ------
+        str
+        """
         for name, child in (node or self.tree).classes.items():
             if child.type != "package":
                 yield prefix + name
             yield from self.walk(child, prefix + name + ".")
 
     def bases(self, name):
-        """Yield the class and its base classes, as (dotted name, node), nearest first."""
+        """Yield a class and its base classes, nearest first.
+
+        Parameters
+        ----------
+        name : str
+
+        Yields
+        ------
+        name : str
+            Dotted.
+        node : pymoca.ast.Class
+
+        Raises
+        ------
+        UnknownNameError
+            The class, or one that it extends, does not exist.
+        """
         node = self.find(name)
         yield name, node
         scope = name.rsplit(".", 1)[0] if "." in name else ""
@@ -139,7 +186,23 @@ class Library:
             yield from self.bases(self.resolve(str(clause.component), scope))
 
     def resolve(self, name, scope):
-        """Dotted name of a class mentioned inside another, looked up outwards."""
+        """Dotted name of a class mentioned inside another, looked up outwards.
+
+        Parameters
+        ----------
+        name : str
+        scope : str
+            Dotted name of where it is mentioned; empty at the top.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        UnknownNameError
+            No such class; the nearest is named.
+        """
         known = self.memo("names", lambda: set(self.walk()))
         while True:
             candidate = f"{scope}.{name}" if scope else name
@@ -150,17 +213,43 @@ class Library:
             scope = scope.rpartition(".")[0]
 
     def with_text(self, text, where="generated model"):
-        """A copy of the tree with one more class, parsed from text."""
+        """A copy of the tree with one more class, parsed from text.
+
+        Parameters
+        ----------
+        text : str
+        where : str
+            Where the text is from, for the error.
+
+        Returns
+        -------
+        pymoca.ast.Tree
+
+        Raises
+        ------
+        ModelicaError
+            The text does not parse.
+        """
         tree = self.fresh_tree()
         tree.extend(parse(text, where))
         return tree
 
     def fresh_tree(self):
-        """A copy of the tree; flattening changes what it is given, and pymoca's trees copy twice only by pickle."""
+        """A copy of the tree; flattening changes what it is given, and pymoca's trees copy twice only by pickle.
+
+        Returns
+        -------
+        pymoca.ast.Tree
+        """
         return pickle.loads(self.memo("pickled", lambda: pickle.dumps(self.tree)))
 
     def flatten(self, name, text=None):
         """Flatten a class, or the class ``name`` defined in ``text`` on top of the library.
+
+        Parameters
+        ----------
+        name : str
+        text : str, optional
 
         Returns
         -------
@@ -168,7 +257,10 @@ class Library:
 
         Raises
         ------
-        ModelicaError, UnknownNameError
+        ModelicaError
+            The class or the text does not compile.
+        UnknownNameError
+            The library has no such class.
         """
         if text is None:
             self.find(name)
@@ -191,7 +283,23 @@ class Library:
 
 
 def parse(text, where):
-    """Parse one Modelica text into a pymoca tree, or raise ModelicaError with file and line."""
+    """Parse one Modelica text into a pymoca tree.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        Where the text is from, for the error.
+
+    Returns
+    -------
+    pymoca.ast.Tree
+
+    Raises
+    ------
+    ModelicaError
+        The text does not parse; the message names file and line.
+    """
     try:
         tree = pymoca.parser.parse(text, bypass_cache=True)
     except pymoca.parser.ModelicaSyntaxError as error:

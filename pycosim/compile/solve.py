@@ -42,7 +42,17 @@ class Solution:
 
 
 def der(name, order=1):
-    """Name of a derivative: ``der(x)``, ``der(der(x))``."""
+    """Name of a derivative: ``der(x)``, ``der(der(x))``.
+
+    Parameters
+    ----------
+    name : str
+    order : int
+
+    Returns
+    -------
+    str
+    """
     return name if order == 0 else der(f"der({name})", order - 1)
 
 
@@ -330,7 +340,17 @@ def _depends(expression, symbol):
 
 
 def solve_small(matrix, right):
-    """Solution of a few linear equations, unrolled without choosing pivots: by determinants, or by rotations."""
+    """Solution of a few linear equations, unrolled without choosing pivots: by determinants, or by rotations.
+
+    Parameters
+    ----------
+    matrix : SX, shape (n, n)
+    right : SX, shape (n, 1)
+
+    Returns
+    -------
+    SX, shape (n, 1)
+    """
     n = matrix.shape[0]
     if n == 1:
         return right / matrix
