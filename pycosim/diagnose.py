@@ -602,7 +602,7 @@ def _refit_best(dataset, model, fit, scores, findings, usual, table):
     """Fit the model with each of the best candidates; fills the findings and returns those that were fitted.
 
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
-    are fitted as well, whatever their scores.
+    are fitted as well, however low they rank.
     """
     likely = [f for f in findings if f.p_value < 10 * LEVEL]
     fitted = [f for f in likely[:REFITS] if _refit(dataset, model, fit, scores, f, usual, table)]

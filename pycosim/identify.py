@@ -126,7 +126,7 @@ class Fit:
         """
         k, v = self.free.index(name), self.variables[name]
         if not self.identifiable(name):
-            return self._range_by_bounds(k)
+            return self._range_by_bounds(k, level)
         half = stats.t.ppf(0.5 + level / 2, self.dof) * self.stderr[k]
         low, high = self.unbounded[k] - half, self.unbounded[k] + half
         if high < v.min:
@@ -136,7 +136,7 @@ class Fit:
         low, high = min(low, self.values[k]), max(high, self.values[k])
         return [float(max(low, v.min)), float(min(high, v.max))]
 
-    def _range_by_bounds(self, k):
+    def _range_by_bounds(self, k, level):
         """Least and greatest value that some point along the null directions takes within all bounds."""
         low = np.array([self.variables[n].min for n in self.free]) - self.values
         high = np.array([self.variables[n].max for n in self.free]) - self.values
@@ -148,11 +148,11 @@ class Fit:
             if not found.success:
                 return [float(self.variables[self.free[k]].min), float(self.variables[self.free[k]].max)]
             move = found.x @ d
-            ends.append(self.values[k] + move[k] - sign * self._spread_there(k, move, low, high))
+            ends.append(self.values[k] + move[k] - sign * self._spread_there(k, move, low, high, level))
         v = self.variables[self.free[k]]
         return [float(max(ends[0], v.min)), float(min(ends[1], v.max))]
 
-    def _spread_there(self, k, move, low, high):
+    def _spread_there(self, k, move, low, high, level):
         """Half width of the interval of a parameter where its partner on the null direction is at a bound."""
         room = np.minimum(np.abs(move - low), np.abs(high - move)) + np.where(np.abs(move) < 1e-9, math.inf, 0.0)
         room[k] = math.inf
@@ -161,7 +161,7 @@ class Fit:
             return 0.0
         c = np.zeros(len(self.free))
         c[k], c[j] = 1.0, -move[k] / move[j]
-        return stats.t.ppf(0.975, self.dof) * math.sqrt(max(c @ self.covariance @ c, 0.0))
+        return stats.t.ppf(0.5 + level / 2, self.dof) * math.sqrt(max(c @ self.covariance @ c, 0.0))
 
 
 def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=None):
