@@ -19,6 +19,7 @@ protected
   Real phi(unit="rad") "Angle relative to the support";
   Real slip(unit="1") "Share of the motion that slides, with the sign of z";
   Real rate(unit="1/s") "Rate of the friction state";
+  Real held(unit="1") "Friction state with its damping, without effects";
   Real f(unit="N.m") "Load-independent loss with effects, floored at zero";
   Real m(unit="1") "Efficiency with effects";
 equation
@@ -28,7 +29,8 @@ equation
   slip = (z - max(-elastic, min(elastic, z))) / (1 - elastic);
   travel * rate = w - (abs(w) * slip + w * abs(slip)) / 2 "Dupont et al. (2002): slides onwards only, never back";
   der(z) = rate;
-  s = max(-1, min(1, z + damping * rate)) + friction.ds "Damped, yet never above what breaks it away";
+  held = max(-1, min(1, z + damping * rate)) "Damped, yet never above what breaks it away";
+  s = held + friction.ds;
   f = max(0, f0 + friction.df0);
   m = mu + friction.dmu;
   F = 2 * m * f / (1 + m) + 2 * (1 - m) / (1 + m) * abs(L) + friction.dF "Nobili et al., Eq. (friction_model)";
@@ -38,7 +40,7 @@ equation
   loss = (s * F + friction.dT) * w;
   friction.w = w;
   friction.L = L;
-  friction.s = z;
+  friction.s = held;
   friction.f0 = f0;
   friction.mu = m;
 end Segment;
