@@ -202,11 +202,11 @@ def main():
     print(f"memory of an instance {c['memory'] / 1024:.1f} KiB (aim: below 100)")
     for version, took in ((2, fmpy2), (3, fmpy3)):
         for what, t in zip(("inputs every 20 ms", "inputs and outputs every step"), took):
-            print(f"through fmpy, FMI {version}, {what}: {1e6 * t:.2f} us a step of 1 ms, {1e-3 / t:.0f} times real time "
-                  "(aim: 200)")
+            print(f"through fmpy, FMI {version}, {what}: {1e6 * t:.2f} us a step of 1 ms, {1e-3 / t:.0f} times real "
+                  "time (aim: 200)")
     if python:
-        print(f"the same equations behind pythonfmu3: {1e6 * python[0]:.1f} us a step, {python[0] / fmpy3[0]:.1f} times "
-              "as long as ours through the same importer (aim: 20)")
+        print(f"the same equations behind pythonfmu3: {1e6 * python[0]:.1f} us a step, {python[0] / fmpy3[0]:.1f} "
+              "times as long as ours through the same importer (aim: 20)")
 
 
 if __name__ == "__main__":

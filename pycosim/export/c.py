@@ -180,7 +180,8 @@ def _source(name, real, parts, values):
         for function in part.functions:
             generator.add(function)
     lines = [f'#include "{name}.h"', "#include <math.h>", "", f"typedef {real} casadi_real;",
-             "typedef int casadi_int;", "", _clean(generator.dump(), real), f"void {name}_parameters({real} *parameters) {{"]
+             "typedef int casadi_int;", "", _clean(generator.dump(), real),
+             f"void {name}_parameters({real} *parameters) {{"]
     lines += [f"  parameters[{_constant(f'{name}_parameter', n)}] = {_literal(v, real)};" for n, v in values.items()]
     lines += ["}", ""]
     for part in parts:

@@ -56,9 +56,24 @@ def export_fmu(study, model, folder, fmi=2, kinds=("cs", "me"), platforms="host"
 def contents(plant, fmi=2, kinds=("cs", "me"), platforms="host"):
     """Files of an FMU by their path in it.
 
+    Parameters
+    ----------
+    plant : Plant
+    fmi : int
+        2 or 3.
+    kinds : sequence of str
+        ``cs``, ``me``.
+    platforms : str
+        ``host`` or ``all``.
+
     Returns
     -------
     dict of str to bytes
+
+    Raises
+    ------
+    ExportError
+        A binary cannot be built.
     """
     identifier = c_name(plant.name)
     files, token = sources(plant, fmi, kinds)

@@ -47,14 +47,35 @@ def sources(plant, fmi, kinds):
 
 
 def headers(fmi):
-    """The standard's own headers (2-Clause BSD), as fmpy carries them."""
+    """The standard's own headers (2-Clause BSD), as fmpy carries them.
+
+    Parameters
+    ----------
+    fmi : int
+        2 or 3.
+
+    Returns
+    -------
+    dict of str to bytes
+        By file name.
+    """
     import fmpy
     folder = Path(fmpy.__file__).parent / "c-code"
     return {name: (folder / name).read_bytes() for name in HEADERS[fmi]}
 
 
 def equations(plant):
-    """C code of the plant's functions, as CasADi generates it."""
+    """C code of the plant's functions, as CasADi generates it.
+
+    Parameters
+    ----------
+    plant : Plant
+
+    Returns
+    -------
+    str
+        C99, to be included by the header with the tables.
+    """
     generator = ca.CodeGenerator("equations", {"with_header": False, "casadi_int": "int"})
     for function in plant.functions:
         generator.add(function)
