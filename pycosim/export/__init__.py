@@ -40,7 +40,7 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     folder : path
         Where the files go.
     to : str
-        ``fmu``, ``c``, ``modelica`` or ``json``.
+        ``fmu``, ``c``, ``modelica``, ``ssp``, ``mujoco`` or ``json``.
     fmi, kinds, platforms
         Of an FMU, see `pycosim.export.fmu.export_fmu`.
     real : str
@@ -80,12 +80,15 @@ def _write(plant, description, study, model, folder, to, fmi, kinds, platforms):
     if to == "fmu":
         from .fmu import export_fmu
         return export_fmu(study, model, folder, fmi, kinds, platforms).name, f"FMU for FMI {fmi}.0"
+    if to == "ssp":
+        from .ssp import export_ssp
+        return export_ssp(study, model, folder, fmi, platforms).name, f"SSP with an FMU for FMI {fmi}.0"
     if to == "modelica":
         from .modelica import to_modelica
         return _text(folder / f"{study.name}.mo", to_modelica(plant)), "Modelica"
     if to == "json":
         return "export.json", "JSON"
-    raise ExportError(f"no target '{to}'; there are fmu, c, modelica, json")
+    raise ExportError(f"no target '{to}'; there are fmu, c, modelica, ssp, mujoco, json")
 
 
 def _text(path, text):
