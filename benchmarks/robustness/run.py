@@ -1,4 +1,7 @@
-"""Random calls and threads under sanitizers, and a long run: ``python -m benchmarks.robustness.run [--calls 100000]``."""
+"""Random calls and threads under sanitizers, and a long run.
+
+    python -m benchmarks.robustness.run [--calls 100000] [--steps 2000000] [--rig HipKnee]
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,8 @@ def build(plant, fmi, folder, flags):
     for name, content in files.items():
         (folder / name).write_bytes(content)
     shutil.copy(Path(__file__).with_name("fuzz.c"), folder)
-    subprocess.run(["cc", "-std=c99", *flags, f"-DFMI={fmi}", "fuzz.c", "-o", "fuzz", "-lm", "-pthread"], cwd=folder, check=True)
+    subprocess.run(["cc", "-std=c99", *flags, f"-DFMI={fmi}", "fuzz.c", "-o", "fuzz", "-lm", "-pthread"], cwd=folder,
+                   check=True)
     return folder / "fuzz"
 
 

@@ -208,12 +208,27 @@ def component_name(effect, place):
     return f"{effect.id}_{place.name.replace('+', '_').replace('.', '_')}"
 
 
+def component_names(effect, place):
+    """Modelica names of all components that an attached effect consists of, the one with the coefficients first.
+
+    Parameters
+    ----------
+    effect : Effect
+    place : Place
+
+    Returns
+    -------
+    list of str
+    """
+    base = component_name(effect, place)
+    return [base, *(f"{base}_at_{c.replace('.', '_')}" for c in place.components[1:])]
+
+
 def attachment(effect, place):
     """Declarations and connections that hang an effect on a place."""
     base = component_name(effect, place)
     declared, connected = [], []
-    for k, component in enumerate(place.components):
-        name = base if k == 0 else f"{base}_at_{component.replace('.', '_')}"
+    for k, (name, component) in enumerate(zip(component_names(effect, place), place.components)):
         bound = [f"{c} = {base}.{c}" for c in dict.fromkeys((*effect.size, *effect.scan))] if k else []
         text = f"({', '.join(bound)})" if bound else ""
         declared.append(f'  {effect.model} {name}{text} "{effect.description} at {place.name}";')
