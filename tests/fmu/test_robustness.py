@@ -1,4 +1,4 @@
-"""Random calls and threads under sanitizers, and a long run; the full size is ``python -m benchmarks.robustness.run``."""
+"""Random calls and threads under sanitizers, and a long run; in full: ``python -m benchmarks.robustness.run``."""
 
 import json
 import shutil
