@@ -36,7 +36,7 @@ VERBS = {
             "Without a place, every place is tried and the best by cross-validation is taken."),
     "improve": ("diagnose, add, refit, until nothing is left to learn", "ladder.json",
                 "pycosim improve study.toml --data run1.csv", ""),
-    "export": ("the identified machine as an FMU, C, Modelica or JSON, for other tools", "export.json",
+    "export": ("the identified machine as an FMU, C, Modelica, SSP, MJCF or JSON, for other tools", "export.json",
                "pycosim export study.toml --to fmu --fmi 3 --platforms all",
                "The study's values and effects are taken as they are; no log is read."),
 }
@@ -49,7 +49,7 @@ WRITES = {
 }
 # option of export: what it may be, what it is when not given, what it means
 EXPORT = {
-    "--to": (("fmu", "c", "modelica", "json"), "fmu", "what to write"),
+    "--to": (("fmu", "c", "modelica", "ssp", "mujoco", "json"), "fmu", "what to write"),
     "--fmi": (("2", "3"), "2", "version of the FMU"),
     "--type": (("cs,me", "cs", "me"), "cs,me", "co-simulation, model exchange, or both in one file"),
     "--platforms": (("host", "all"), "host", "binaries for this machine, or for linux, windows and macOS"),

@@ -1,5 +1,8 @@
-/* Random calls of every kind, in any order, with good and bad values, on a few instances; or a long run ("soak").
-   Compile with -DFMI=2 or 3 beside the sources of an FMU, for the first with -fsanitize=address,undefined. */
+/* Random calls of every kind, in any order, with good and bad values, on a few instances; or a long run ("soak"); or
+   many instances in several threads ("threads"). Compile with -DFMI=2 or 3 beside the sources of an FMU, for the first with -fsanitize=address,undefined. */
+
+#define _POSIX_C_SOURCE 200112L
+#include <pthread.h>
 
 #if FMI == 2
 #include "fmi2.c"
@@ -196,7 +199,60 @@ static int soak(long n) {
     return 0;
 }
 
+/* An instance that is ready to step; its messages are not counted, so that threads share nothing. */
+static void *ready(void) {
+#if FMI == 2
+    void *m = fmi2Instantiate("thread", fmi2CoSimulation, MODEL_TOKEN, NULL, &callbacks, 0, 0);
+    fmi2SetupExperiment(m, 0, 0, 0, 0, 0), fmi2EnterInitializationMode(m);
+#else
+    void *m = fmi3InstantiateCoSimulation("thread", MODEL_TOKEN, NULL, false, false, false, false, NULL, 0, NULL, NULL,
+                                          NULL);
+    fmi3EnterInitializationMode(m, false, 0, 0, false, 0);
+#endif
+    F(ExitInitializationMode)(m);
+    return m;
+}
+
+enum { THREADS = 8, EACH = 100, WALK = 50 };
+
+/* Steps of several instances in turns, each with its own torque: their states at the end, or NULL. */
+static void *walk(void *where) {
+    static const uint32_t input = VR_U;
+    double (*end)[DIM(NX)] = where;
+    void *m[EACH];
+    bool fine_ = true;
+    for (int i = 0; i < EACH; i++) m[i] = ready();
+    for (int k = 0; k < WALK; k++)
+        for (int i = 0; i < EACH; i++) {
+            double u = 0.01 * i;
+            fine_ = fine_ && !F(SetReal)(m[i], &input, 1, &u COUNT(1)) && !step(m[i], k * 1e-3, 1e-3);
+        }
+    for (int i = 0; i < EACH; i++) {
+        memcpy(end[i], ((Instance *)m[i])->s.x, sizeof end[i]);
+        F(FreeInstance)(m[i]);
+    }
+    return fine_ ? where : NULL;
+}
+
+/* Threads that do the same end in the same bits as one alone. */
+static int threads(void) {
+    static double alone[EACH][DIM(NX)], end[THREADS][EACH][DIM(NX)];
+    pthread_t thread[THREADS];
+    int differing = !walk(alone);
+    for (int i = 0; i < THREADS; i++)
+        if (pthread_create(&thread[i], NULL, walk, end[i])) return 1;
+    for (int i = 0; i < THREADS; i++) {
+        void *done;
+        pthread_join(thread[i], &done);
+        differing += !done || memcmp(end[i], alone, sizeof alone);
+    }
+    printf("{\"threads\": %d, \"instances\": %d, \"differing\": %d, \"spread\": %.6g}\n", THREADS, EACH, differing,
+           fabs(alone[EACH - 1][0] - alone[0][0]));
+    return differing;
+}
+
 int main(int argc, char **argv) {
+    if (argc > 1 && !strcmp(argv[1], "threads")) return threads();
     long n = argc > 2 ? atol(argv[2]) : 1000;
     if (argc > 1 && !strcmp(argv[1], "soak")) return soak(n);
     if (argc > 3) seed = (uint64_t)atol(argv[3]);

@@ -87,8 +87,8 @@ size_t memory(void) {
 }
 int main(void) {
     double best[3] = {1, 1, 1};
-    for (int k = 0; k < 7; k++) {
-        double t[] = {bare(20000), wrapped(20000, 0), wrapped(20000, 1)};
+    for (int k = 0; k < 200; k++) { /* short windows, as cores are shared */
+        double t[] = {bare(500), wrapped(500, 0), wrapped(500, 1)};
         for (int i = 0; i < 3; i++) best[i] = t[i] < best[i] ? t[i] : best[i];
     }
     printf("{\"bare\": %.4g, \"step\": %.4g, \"step_and_read\": %.4g, \"memory\": %zu}\n", best[0], best[1], best[2],
@@ -151,8 +151,8 @@ def through_fmpy(path, steps=STEPS):
         plant.setupExperiment()
     plant.enterInitializationMode()
     plant.exitInitializationMode()
-    best, k, tau, q, part = [np.inf, np.inf], 0, [vr["tau1"]], [vr["q_H"]], steps // 10
-    for each in [20, 1] * 5:  # steps between two exchanges
+    best, k, tau, q, part = [np.inf, np.inf], 0, [vr["tau1"]], [vr["q_H"]], steps // 100
+    for each in [20, 1] * 50:  # steps between two exchanges; short windows, as cores are shared
         torques = (0.8 * np.sin(3e-3 * np.arange(k, k + part))).tolist()
         begin = time.perf_counter()
         for j, torque in enumerate(torques):
@@ -202,11 +202,11 @@ def main():
     print(f"memory of an instance {c['memory'] / 1024:.1f} KiB (aim: below 100)")
     for version, took in ((2, fmpy2), (3, fmpy3)):
         for what, t in zip(("inputs every 20 ms", "inputs and outputs every step"), took):
-            print(f"through fmpy, FMI {version}, {what}: {1e6 * t:.2f} us a step of 1 ms, {1e-3 / t:.0f} times real time "
-                  "(aim: 200)")
+            print(f"through fmpy, FMI {version}, {what}: {1e6 * t:.2f} us a step of 1 ms, {1e-3 / t:.0f} times real "
+                  f"time (aim: 200); {1e6 * c['step']:.2f} us of it in the FMU, the rest in fmpy and ctypes")
     if python:
-        print(f"the same equations behind pythonfmu3: {1e6 * python[0]:.1f} us a step, {python[0] / fmpy3[0]:.1f} times "
-              "as long as ours through the same importer (aim: 20)")
+        print(f"the same equations behind pythonfmu3: {1e6 * python[0]:.1f} us a step, {python[0] / fmpy3[0]:.1f} "
+              "times as long as ours through the same importer (aim: 20)")
 
 
 if __name__ == "__main__":

@@ -416,22 +416,20 @@ def component_name(effect, place):
     return f"{effect.id}_{place.name.replace('+', '_').replace('.', '_')}"
 
 
-def instance_name(effect, place, component):
-    """Name of the component that stands for an effect at one of the components of its place.
+def component_names(effect, place):
+    """Modelica names of all components that an attached effect consists of, the one with the coefficients first.
 
     Parameters
     ----------
     effect : Effect
     place : Place
-    component : str
-        One of the place's.
 
     Returns
     -------
-    str
+    list of str
     """
     base = component_name(effect, place)
-    return base if component == place.components[0] else f"{base}_at_{component.replace('.', '_')}"
+    return [base, *(f"{base}_at_{c.replace('.', '_')}" for c in place.components[1:])]
 
 
 def attachment(effect, place):
@@ -449,10 +447,9 @@ def attachment(effect, place):
     """
     base = component_name(effect, place)
     declared, connected = [], []
-    for component in place.components:
-        name = instance_name(effect, place, component)
-        bound = [f"{c} = {base}.{c}" for c in dict.fromkeys((*effect.size, *effect.scan, *effect.means))]
-        text = f"({', '.join(bound)})" if name != base else ""
+    for k, (name, component) in enumerate(zip(component_names(effect, place), place.components)):
+        bound = [f"{c} = {base}.{c}" for c in dict.fromkeys((*effect.size, *effect.scan, *effect.means))] if k else []
+        text = f"({', '.join(bound)})" if bound else ""
         declared.append(f'  {effect.model} {name}{text} "{effect.description} at {place.name}";')
         connected += [f"  connect({name}.{c}, {component}.{c});" for c in effect.ports]
         connected += [f"  connect({name}.{PARTNER}, {place.partner(effect, component)}.{c});"

@@ -11,7 +11,7 @@ import casadi as ca
 from .. import cache
 from ..errors import ModelicaError, StudyError, UnknownNameError, closest
 from ..variables import Variable
-from .effects import (_members, annotation, catalogue, component_name, extend, find_place, instance_name, is_connector,
+from .effects import (_members, annotation, catalogue, component_name, component_names, extend, find_place, is_connector,
                       is_effect, ports)
 from .solve import der, solve
 
@@ -322,8 +322,8 @@ class Model:
 
     def _late(self, known, values):
         """Known signals that an attached effect delays, each with the variable that holds its delay."""
-        return {f"{c}.{RECORDED}": f"{instance_name(effect, place, c)}.delay" for effect, place in self.attached
-                if effect.channel for c in place.components if f"{c}.{RECORDED}" in known}
+        return {f"{c}.{RECORDED}": f"{name}.delay" for effect, place in self.attached if effect.channel
+                for name, c in zip(component_names(effect, place), place.components) if f"{c}.{RECORDED}" in known}
 
     @staticmethod
     def _shifted(late, values, names, symbols):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import ExportError
@@ -40,7 +40,7 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     folder : path
         Where the files go.
     to : str
-        ``fmu``, ``c``, ``modelica`` or ``json``.
+        ``fmu``, ``c``, ``modelica``, ``ssp``, ``mujoco`` or ``json``.
     fmi, kinds, platforms
         Of an FMU, see `pycosim.export.fmu.export_fmu`.
     real : str
@@ -63,29 +63,47 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
                       [f"C: {', '.join(Path(f).name for f in made)}."])
     plant = describe(study, model)
     description = to_dict(plant)
-    name, text = _write(plant, description, study, model, Path(folder), to, fmi, kinds, platforms)
+    made = _write(plant, study, model, Path(folder), to, fmi, kinds, platforms)
     counts = {c: sum(e.causality == c for e in plant.entries) for c in ("input", "output", "parameter")}
     described = f"{counts['input']} inputs, {counts['output']} outputs, {counts['parameter']} parameters"
     unmeasured = sum(e.causality == "parameter" and e.variability == "tunable" and e.name not in plant.identified
                      for e in plant.entries)
-    lines = [f"{text}: {name}, {described}."]
+    lines = [f"{made.text}: {', '.join(made.files)}, {described}.", *made.notes]
     if unmeasured:
         lines.append(f"Of its friction and effect parameters, {unmeasured} are the library's defaults, not the "
                      "study's: the documentation inside, and export.json, mark them.")
-    return Export([name], {**description, "files": [name]}, lines)
+    return Export(made.files, {**description, "files": made.files}, lines)
 
 
-def _write(plant, description, study, model, folder, to, fmi, kinds, platforms):
-    """Write the one file of a target; its name and what it is."""
+@dataclass
+class _Made:
+    """What it is, its files, and what must be said about it."""
+
+    text: str
+    files: list
+    notes: list = field(default_factory=list)
+
+
+def _write(plant, study, model, folder, to, fmi, kinds, platforms):
+    """Write the files of a target."""
     if to == "fmu":
         from .fmu import export_fmu
-        return export_fmu(study, model, folder, fmi, kinds, platforms).name, f"FMU for FMI {fmi}.0"
+        return _Made(f"FMU for FMI {fmi}.0", [export_fmu(study, model, folder, fmi, kinds, platforms).name])
+    if to == "ssp":
+        from .ssp import export_ssp
+        return _Made(f"SSP with an FMU for FMI {fmi}.0", [export_ssp(study, model, folder, fmi, platforms).name])
+    if to == "mujoco":
+        from .mujoco import to_mjcf
+        text, missing = to_mjcf(plant)
+        files = [_text(folder / f"{study.name}.xml", text),
+                 _text(folder / f"{study.name}_not_in_mujoco.txt", "\n".join([*missing, ""]))]
+        return _Made("MJCF", files, [f"Not in MuJoCo: {m}" for m in missing])
     if to == "modelica":
         from .modelica import to_modelica
-        return _text(folder / f"{study.name}.mo", to_modelica(plant)), "Modelica"
+        return _Made("Modelica", [_text(folder / f"{study.name}.mo", to_modelica(plant))])
     if to == "json":
-        return "export.json", "JSON"
-    raise ExportError(f"no target '{to}'; there are fmu, c, modelica, json")
+        return _Made("JSON", ["export.json"])
+    raise ExportError(f"no target '{to}'; there are fmu, c, modelica, ssp, mujoco, json")
 
 
 def _text(path, text):

@@ -51,6 +51,10 @@ PLATFORMS = {p.name: p for p in (
 def host():
     """The platform that Python runs on.
 
+    Returns
+    -------
+    Platform
+
     Raises
     ------
     ExportError
@@ -117,11 +121,26 @@ def _link_flags(target, name):
 
 
 def compiler(target, cross=False):
-    """Command and version of a C compiler: the system's own for this machine, else zig.
+    """A C compiler: the system's own for this machine, else zig.
+
+    Parameters
+    ----------
+    target : Platform
+        Where the binary is to run.
+    cross : bool
+        Whether to take zig in any case, so that the bytes do not depend on the system's compiler.
+
+    Returns
+    -------
+    command : list of str
+        To which flags and files are added.
+    version : str
+        What it says of itself; with the command it identifies the bytes that it makes.
 
     Raises
     ------
     ExportError
+        There is none.
     """
     own = None if cross or sys.platform == "win32" else shutil.which("cc")
     if own:

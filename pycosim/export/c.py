@@ -16,6 +16,7 @@ from ..errors import StudyError, UnknownNameError, closest
 from ..simulate import dynamics
 from ..states import follow
 from ..variables import Variable
+from .source import inline_choices
 
 _LOOSE = 2e-5  # tolerance of a step in single precision, whose rounding is 1e-7
 _MATH = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "expm1", "log", "log1p",
@@ -180,7 +181,8 @@ def _source(name, real, parts, values):
         for function in part.functions:
             generator.add(function)
     lines = [f'#include "{name}.h"', "#include <math.h>", "", f"typedef {real} casadi_real;",
-             "typedef int casadi_int;", "", _clean(generator.dump(), real), f"void {name}_parameters({real} *parameters) {{"]
+             "typedef int casadi_int;", "", _clean(generator.dump(), real),
+             f"void {name}_parameters({real} *parameters) {{"]
     lines += [f"  parameters[{_constant(f'{name}_parameter', n)}] = {_literal(v, real)};" for n, v in values.items()]
     lines += ["}", ""]
     for part in parts:
@@ -234,8 +236,7 @@ def _clean(text, real):
     unused = " {\n  (void)arg; (void)res; (void)iw; (void)w; (void)mem;"
     text = re.sub(re.escape(_SIGNATURE) + r" ?\{", _SIGNATURE + unused, text)
     text = re.sub(r"^((?:casadi_real|void|int|casadi_int) casadi_\w+\()", r"static inline \1", text, flags=re.M)
-    text = re.sub(r"#if __STDC_VERSION__ < 199901L\n(  return x[<>]y.*?)#else\n.*?#endif\n", r"\1", text, flags=re.S)
-    text = _without_unused(text.replace("/* Pre-c99 compatibility */\n", ""))
+    text = _without_unused(inline_choices(text))
     if real == "float":
         text = re.sub(rf"\b({'|'.join(_MATH)})\(", r"\1f(", text)
         text = re.sub(r"(?<![\w.])(\d+\.\d*(?:[eE][-+]?\d+)?)", r"\1f", text)

@@ -114,9 +114,15 @@ def describe(study, model):
 def values(study, model):
     """Every parameter of a model with the study's values.
 
+    Parameters
+    ----------
+    study : Study
+    model : Model
+
     Returns
     -------
     dict of str to float
+        In the unit that the model gives each; those not in the study have the rig's own value.
     """
     given = {n: s.value for n, s in study.parameters.items() if s.value is not None}
     return {n: given.get(n, v.value) for n, v in model.parameters.items()}
@@ -219,7 +225,17 @@ class _Builder:
     # --- variables ---
 
     def plant(self):
-        """Put it together."""
+        """Put it together.
+
+        Returns
+        -------
+        Plant
+
+        Raises
+        ------
+        StudyError
+            A name is taken twice.
+        """
         functions, sparsity = self._functions()
         entries = [Entry(Variable("time", "s", "Time"), "independent", "continuous")]
         entries += self._states() + self._rates() + self._inputs() + self._parameters() + self._computed()
@@ -337,7 +353,19 @@ class _Builder:
 
 
 def system(model, d):
-    """The equations behind a step, ``(x, z, u, p, t) -> (xdot, residual)``: rates and derivatives need no solver."""
+    """The equations behind a step; rates and derivatives need no solver.
+
+    Parameters
+    ----------
+    model : Model
+    d : Dynamics
+        Of the same model; it gives the order of the vectors.
+
+    Returns
+    -------
+    casadi.Function
+        ``(x, z, u, p, t) -> (xdot, residual)``: derivatives of the states, and what is zero where z fits.
+    """
     wanted, _ = model.alternatives("simulate")[0]
     flat = replace(model.flat)  # solving adds derivatives to it
     solution = solve(flat, d.inputs, keep=wanted, explicit=False)
@@ -387,11 +415,31 @@ def _depend(entries, sizes, sparsity):
 
 
 def c_name(text):
-    """The nearest name that C and Modelica take."""
+    """The nearest name that C and Modelica take.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+        Letters, digits and underscores, a letter first.
+    """
     name = re.sub(r"\W", "_", text, flags=re.ASCII)
     return name if name[:1].isalpha() else f"m_{name}"
 
 
 def finite(value):
-    """Whether a bound is one."""
+    """Whether a bound is one.
+
+    Parameters
+    ----------
+    value : float
+
+    Returns
+    -------
+    bool
+        False for infinity and for what is no number.
+    """
     return math.isfinite(value)

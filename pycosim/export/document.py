@@ -29,9 +29,14 @@ _LIMITS = (
 def to_dict(plant):
     """Everything about a plant that JSON can hold.
 
+    Parameters
+    ----------
+    plant : Plant
+
     Returns
     -------
     dict
+        Rig, effects, variables in the order of their value references (SI units), states, terminals, Modelica text.
     """
     return {"schema": 1, "generator": f"pycosim {__version__}", "name": plant.name, "rig": plant.rig,
             "description": plant.description, "effects": _effects(plant),
@@ -58,9 +63,14 @@ def _variable(plant, number, entry):
 def to_html(plant):
     """Page for ``documentation/index.html``.
 
+    Parameters
+    ----------
+    plant : Plant
+
     Returns
     -------
     str
+        HTML, with what the plant does not know.
     """
     parts = [f"<h1>{escape(plant.name)}</h1><p>{escape(plant.rig)}: {escape(plant.description)}. "
              f"Made by pycosim {__version__}.</p>", "<h2>Effects beyond the rig</h2>", _list(

@@ -49,16 +49,31 @@ def export_fmu(study, model, folder, fmi=2, kinds=("cs", "me"), platforms="host"
     """
     plant = describe(study, model)
     path = Path(folder) / f"{study.name}_fmi{fmi}.fmu"
-    _write(path, contents(plant, fmi, kinds, platforms))
+    write_archive(path, contents(plant, fmi, kinds, platforms), "modelDescription.xml", _validate)
     return path
 
 
 def contents(plant, fmi=2, kinds=("cs", "me"), platforms="host"):
     """Files of an FMU by their path in it.
 
+    Parameters
+    ----------
+    plant : Plant
+    fmi : int
+        2 or 3.
+    kinds : sequence of str
+        ``cs``, ``me``.
+    platforms : str
+        ``host`` or ``all``.
+
     Returns
     -------
     dict of str to bytes
+
+    Raises
+    ------
+    ExportError
+        A binary cannot be built.
     """
     identifier = c_name(plant.name)
     files, token = sources(plant, fmi, kinds)
@@ -79,17 +94,33 @@ def contents(plant, fmi=2, kinds=("cs", "me"), platforms="host"):
     return found
 
 
-def _write(path, files):
-    """Zip to a temporary name, check as an importer would, and rename."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".fmu")
+def write_archive(path, files, first, check):
+    """Zip to a temporary name, check as an importer would, and rename.
+
+    Parameters
+    ----------
+    path : Path
+    files : dict of str to bytes
+        By their path inside.
+    first : str
+        The file that comes first.
+    check : callable
+        Given the path; raises where an importer would complain.
+
+    Raises
+    ------
+    ExportError
+        The file cannot be written.
+    """
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=path.suffix)
     try:
         with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name in sorted(files, key=lambda n: (n != "modelDescription.xml", n)):
+            for name in sorted(files, key=lambda n: (n != first, n)):
                 info = zipfile.ZipInfo(name, _EPOCH)
                 info.create_system, info.external_attr = 3, (0o755 if name.startswith("binaries/") else 0o644) << 16
                 info.compress_type = zipfile.ZIP_DEFLATED
                 archive.writestr(info, files[name])
-        _validate(temporary)
+        check(temporary)
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except OSError as error:

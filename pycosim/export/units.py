@@ -53,16 +53,48 @@ def _factor(token):
 
 
 def offset(unit):
-    """What to add for the base unit: 273.15 for degC."""
+    """What to add to a value for the base unit.
+
+    Parameters
+    ----------
+    unit : str
+
+    Returns
+    -------
+    float
+        273.15 for degC, else 0.
+    """
     return _OFFSET.get(unit, 0.0)
 
 
 def display(unit):
-    """Display unit and the factor that takes a value to it, or None."""
+    """Unit that people like to read a quantity in.
+
+    Parameters
+    ----------
+    unit : str
+        As Modelica writes it.
+
+    Returns
+    -------
+    tuple of (str, float), or None
+        The display unit, and the factor that takes a value to it; None where the unit itself does.
+    """
     return (_DISPLAY[unit], _FACTOR[unit]) if unit in _DISPLAY else None
 
 
 def rate(unit):
-    """Unit of the derivative of a quantity by time."""
+    """Unit of the derivative of a quantity by time.
+
+    Parameters
+    ----------
+    unit : str
+        Of the quantity.
+
+    Returns
+    -------
+    str
+        ``rad/s`` for ``rad``, ``rad/s2`` for ``rad/s``.
+    """
     known = {"rad": "rad/s", "rad/s": "rad/s2", "m": "m/s", "m/s": "m/s2", "1": "1/s"}
     return known.get(unit, f"({unit})/s" if "/" in unit else f"{unit}/s")

@@ -47,7 +47,19 @@ def model_description(plant, fmi, kinds, identifier, token):
 
 
 def build_description(fmi, identifier):
-    """``sources/buildDescription.xml`` of FMI 3."""
+    """``sources/buildDescription.xml`` of FMI 3.
+
+    Parameters
+    ----------
+    fmi : int
+        3; it names the file to compile.
+    identifier : str
+        Name of the binary.
+
+    Returns
+    -------
+    bytes
+    """
     root = xml.Element("fmiBuildDescription", fmiVersion="3.0")
     build = xml.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
     files = xml.SubElement(build, "SourceFileSet", language="C99")
@@ -56,7 +68,16 @@ def build_description(fmi, identifier):
 
 
 def terminals(plant):
-    """``terminalsAndIcons/terminalsAndIcons.xml`` of FMI 3."""
+    """``terminalsAndIcons/terminalsAndIcons.xml`` of FMI 3.
+
+    Parameters
+    ----------
+    plant : Plant
+
+    Returns
+    -------
+    bytes
+    """
     root = xml.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     graphics = xml.SubElement(root, "GraphicalRepresentation")
     box = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}

@@ -1,11 +1,14 @@
 """FMUs of the rigs, built once."""
 
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 from pycosim.compile import Library
-from pycosim.export.fmu import export_fmu
+from pycosim.export import build
+from pycosim.export import fmu as fmu_module
+from pycosim.export.description import describe
 from pycosim.study import Setting, Study
 
 from driver import Fmu
@@ -29,20 +32,33 @@ def study():
 
 @pytest.fixture(scope="session")
 def model(library, study):
-    return lambda rig: study(rig).validate(library)
+    return cache(lambda rig: study(rig).validate(library))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def quick_builds():
+    """Numbers are the same without optimisation, and a build takes a fraction of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "FLAGS", ["-O0" if f == "-O2" else f for f in build.FLAGS])
+        yield
 
 
 @pytest.fixture(scope="session")
-def built(library, study, model, tmp_path_factory):
-    """An exported and unpacked FMU by rig and version."""
-    made = {}
+def plant(study, model):
+    """What is exported of a rig, described once."""
+    return cache(lambda rig: describe(study(rig), model(rig)))
 
+
+@pytest.fixture(scope="session")
+def built(study, model, plant, tmp_path_factory):
+    """An exported and unpacked FMU by rig and version."""
+    @cache
     def make(rig, fmi=2):
-        if (rig, fmi) not in made:
-            folder = tmp_path_factory.mktemp(f"{rig}{fmi}")
-            path = export_fmu(study(rig), model(rig), folder, fmi)
-            made[rig, fmi] = Fmu(path, folder / "unpacked")
-        return made[rig, fmi]
+        folder = tmp_path_factory.mktemp(f"{rig}{fmi}")
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(fmu_module, "describe", lambda *_: plant(rig))
+            path = fmu_module.export_fmu(study(rig), model(rig), folder, fmi)
+        return Fmu(path, folder / "unpacked")
     return make
 
 

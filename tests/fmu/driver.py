@@ -9,6 +9,9 @@ from fmpy import platform, platform_tuple, read_model_description, sharedLibrary
 
 OK, WARNING, DISCARD, ERROR = range(4)
 RIGS = ("GearedJoint", "ScrewDrive", "ServoPendulum", "HipKnee")
+# every rig, and both versions of the one with most and the one with an effect: a build takes seconds
+EXPORTS = (("GearedJoint", 2), ("GearedJoint", 3), ("ScrewDrive", 2), ("ServoPendulum", 3), ("HipKnee", 2),
+           ("HipKnee", 3))
 _LOG2 = c.CFUNCTYPE(None, c.c_void_p, c.c_char_p, c.c_int, c.c_char_p, c.c_char_p, c.c_char_p)
 _LOG3 = c.CFUNCTYPE(None, c.c_void_p, c.c_int, c.c_char_p, c.c_char_p)
 

@@ -15,7 +15,8 @@ from pycosim.export.c import export_c
 from pycosim.simulate import dynamics, estimate, simulate
 from pycosim.states import follow
 
-RIGS = sorted(p.stem for p in (LIBRARY / "DriveTrain" / "Rigs").glob("*.mo") if p.stem != "package")
+RIGS = sorted({p.stem for p in (LIBRARY / "DriveTrain" / "Rigs").glob("*.mo")}
+              - {"package", "HipKneeTransmission"})  # the latter is inside HipKnee
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"]
 REALS = {"double": (np.float64, ctypes.c_double, 1e-12), "float": (np.float32, ctypes.c_float, 2e-3)}
 LIBRARY_ = Library()
@@ -29,7 +30,7 @@ class Exported:
     def __init__(self, model, folder, real, parameters=None):
         self.header, self.source = export_c(model, parameters or {}, folder, "rig", real)
         self.object = folder / "rig.o"
-        subprocess.run(["gcc", "-O1", *WARNINGS, "-fPIC", "-c", self.source, "-o", self.object], check=True)
+        subprocess.run(["gcc", "-O0", *WARNINGS, "-fPIC", "-c", self.source, "-o", self.object], check=True)
         subprocess.run(["gcc", "-shared", self.object, "-o", folder / "rig.so", "-lm"], check=True)
         self.library = ctypes.CDLL(str(folder / "rig.so"))
         self.type, self.scalar, self.tolerance = REALS[real]
@@ -67,12 +68,12 @@ def test_answers_and_friction_states_are_those_of_python(exported, question):
     model, c = exported
     asked, rng = model.question(question), np.random.default_rng(1)
     order = list(model.parameters)
-    p = c.parameters[[order.index(n) for n in asked.parameters]]
+    p, after = c.parameters[[order.index(n) for n in asked.parameters]], follow(asked)
     for _ in range(50):
         u, x, h = point(rng, asked.inputs), point(rng, asked.states), float(rng.uniform(0, 2e-3))
         c.agrees(c.call(question, [u, x, c.parameters], [len(asked.outputs)])[0], asked.output(u, x, p))
         if asked.states:
-            c.agrees(c.call(f"{question}_next", [u, x, c.parameters, h], [len(x)])[0], follow(asked)(u, x, p, h))
+            c.agrees(c.call(f"{question}_next", [u, x, c.parameters, h], [len(x)])[0], after(u, x, p, h))
 
 
 def test_the_step_is_that_of_python(exported):

@@ -15,11 +15,10 @@ from fmpy.validation import validate_fmu
 from pycosim.export.description import values
 from pycosim.simulate import simulate
 
-from driver import RIGS
+from driver import EXPORTS
 
 
-@pytest.mark.parametrize("fmi", [2, 3])
-@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize(("rig", "fmi"), EXPORTS)
 def test_fmpy_finds_nothing_to_complain_about(built, rig, fmi):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -10,7 +10,7 @@ import pytest
 from pycosim.export.description import values
 from pycosim.simulate import simulate
 
-from driver import OK, RIGS, Instance
+from driver import EXPORTS, OK, Instance
 
 DRIVE = {"GearedJoint": {"tau": 0.9}, "ScrewDrive": {"tau_in": 8e-3}, "ServoPendulum": {"v_in": 5.0},
          "HipKnee": {"tau1": 0.8, "tau2": 0.5, "push_H": 3.0, "push_K": -2.0}}
@@ -31,8 +31,7 @@ def walk(instance, inputs, time, names):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("fmi", [2, 3])
-@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize(("rig", "fmi"), EXPORTS)
 def test_the_fmu_steps_as_python_does(built, model, study, rig, fmi):
     fmu, time = built(rig, fmi), np.arange(301) * 2e-3
     u = drive(rig, time)

@@ -22,4 +22,5 @@ equation
   tau = tau_shaft + J * a + signal.dtau;
   flange.tau = -tau_shaft;
   signal.tau = tau_shaft;
+  annotation(__pycosim(links="flange: inertia=J"));
 end DCMotor;

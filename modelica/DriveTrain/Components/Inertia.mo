@@ -8,4 +8,5 @@ equation
   w = der(flange.phi);
   a = der(w);
   J * a = flange.tau;
+  annotation(__pycosim(links="flange: inertia=J"));
 end Inertia;

@@ -38,4 +38,7 @@ equation
     - h * sin(hip.phi - shank) * w_H * w_H + m2 * c2 * g * sin(shank + tilt);
   hip.tau = torque_thigh + torque_shank;
   knee.tau = torque_shank;
+  annotation(__pycosim(gravity="g", tilt="tilt",
+    links="hip: mass=m1, moment=m1*c1, inertia=I1+m1*c1*c1, length=l1;
+    knee on hip: mass=m2, moment=m2*c2, inertia=I2+m2*c2*c2"));
 end Leg;

@@ -13,4 +13,5 @@ equation
   w = der(flange.phi);
   a = der(w);
   (m * l * l + J) * a + (m * l + arm) * g * sin(flange.phi + tilt) = flange.tau;
+  annotation(__pycosim(gravity="g", tilt="tilt", links="flange: mass=m, moment=m*l+arm, inertia=m*l*l+J"));
 end Pendulum;

@@ -14,4 +14,5 @@ equation
   a = der(v);
   m * a = f + nut.f;
   flange.tau = lead / 6.283185307179586 * f;
+  annotation(__pycosim(links="flange: mass=m, moment=0, inertia=m*(lead/6.283185307179586)**2"));
 end Screw;

@@ -8,5 +8,5 @@ equation
   w = der(flange.phi);
   a = der(w);
   annotation(__pycosim(size="J", needs="accelerations",
-    experiment="accelerate hard, and cruise, over the same line"));
+    experiment="accelerate hard, and cruise, over the same line", links="flange: inertia=J"));
 end RotorInertia;
