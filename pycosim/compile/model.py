@@ -11,8 +11,8 @@ import casadi as ca
 from .. import cache
 from ..errors import ModelicaError, StudyError, UnknownNameError, closest
 from ..variables import Variable
-from .effects import (_members, annotation, catalogue, component_name, component_names, extend, find_place, is_connector,
-                      is_effect, ports)
+from .effects import (_members, annotation, catalogue, component_name, component_names, extend, find_place,
+                      is_connector, is_effect, ports)
 from .solve import der, solve
 
 RECORDED = "tau"  # what a component with a torque channel records

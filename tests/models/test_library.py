@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from pycosim.compile import Library, catalogue, places
+from pycosim.compile import Library, catalogue, component_name, places
 from pycosim.compile.parse import LIBRARY
 from pycosim.simulate import dynamics, estimate
 
@@ -102,11 +102,14 @@ def _same(bare, full, what=""):
     time = np.linspace(0, 1, 200)
     known = [n for n in bare.question("estimate").inputs if not n.startswith("der(")]
     signals = {n: 0.3 * np.sin((3 + k) * time + k) for k, n in enumerate(known)}
+    short = {f"{component_name(effect, place)}.{c}": 1e-4 for effect, place in full.attached  # its least travel
+             for c, kind in effect.scan.items() if kind == "travel"}
     a = estimate(bare, signals, time)
-    b = estimate(full, {**signals, **{n: 20 + time for n in full.log_inputs}}, time)
+    b = estimate(full, {**signals, **{n: 20 + time for n in full.log_inputs}}, time, short)
     here = np.full(len(time), True)
-    if any(effect.id == "presliding" for effect, _ in full.attached):  # another approach to the same sliding
+    if len(full.question("estimate").states) > len(bare.question("estimate").states):  # other ways to the same sliding
         here = np.all([np.abs(np.abs(m[f"{c}.s"]) - 1) < 1e-12 for m in (a, b) for c in bare.segments], axis=0)
+        here[0] = False  # states start from zero
         assert here.mean() > 0.6
     for n in bare.alternatives("estimate")[0][0]:
         np.testing.assert_allclose(b[n][here], a[n][here], atol=1e-12 if here.all() else 1e-10, err_msg=str(what))
