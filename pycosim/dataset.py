@@ -138,7 +138,7 @@ class Dataset:
         states, sensitivities = np.zeros((len(question.states), len(self.time))), np.zeros(
             (len(free), len(question.states), len(self.time)))
         if followed and not self.averaged:
-            states, sensitivities = propagate(question, self.signals, self.time, parameters, self.run, free)
+            states, sensitivities = propagate(question, self.signals, self.time, parameters, self.run, free, followed)
         for k, name in enumerate(question.states):
             if name in own or self.averaged:
                 component = name.rsplit(".", 1)[0] if name in own else next(iter(model.segments))

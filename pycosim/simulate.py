@@ -15,6 +15,7 @@ import numpy as np
 from .compile import ArrayFunction, solve
 from .errors import DataError, ModelicaError, UnknownNameError, closest
 from .states import propagate
+from .stepping import TOLERANCE, System, steps
 
 __all__ = ["Dynamics", "compensate", "dynamics", "estimate", "propagate", "simulate", "step_function"]
 
@@ -33,11 +34,14 @@ class Dynamics:
         Name that ``start`` may give, to the state that carries it.
     initial : casadi.Function
         ``(x, z, u, p, t) -> z``: algebraic variables that fit the states, from a guess.
+    rates : casadi.Function
+        ``(x, z, u, p, t) -> xdot``: derivatives of the states; ``z`` is a guess here.
     step : casadi.Function
-        ``(x, z, u0, u1, p, t, h) -> (x, z)`` after ``h`` seconds, inputs linear in between (two-point Radau
-        collocation, order 3, L-stable: short travels do not limit the step).
+        ``(x, z, u0, u1, p, t, h) -> (x_next, z_next, error)`` after ``h`` seconds, inputs linear in between (order 2,
+        L-stable: short travels do not limit the step). ``z`` is a guess; ``z_next`` fits ``x_next`` and ``u1``. Above
+        1, or not a number, ``error`` says that the equations were not solved.
     output : casadi.Function
-        ``(x, z, u, p, t) -> outputs``.
+        ``(x, z, u, p, t) -> outputs``, for a ``z`` that fits.
     """
 
     inputs: list
@@ -47,16 +51,19 @@ class Dynamics:
     outputs: list
     start: dict
     initial: ca.Function
+    rates: ca.Function
     step: ca.Function
     output: ca.Function
 
 
-def dynamics(model):
+def dynamics(model, tolerance=TOLERANCE):
     """Compile the ``simulate`` question of a model; made once a model.
 
     Parameters
     ----------
     model : pycosim.compile.Model
+    tolerance : float
+        Largest last correction of a step's unknowns, relative; single precision needs more than the default.
 
     Returns
     -------
@@ -67,10 +74,10 @@ def dynamics(model):
     StudyError
         The rig's annotation has no ``simulate``.
     """
-    return model.library.memo(("dynamics", model.key), lambda: _dynamics(model))
+    return model.library.memo(("dynamics", model.key, tolerance), lambda: _dynamics(model, tolerance))
 
 
-def _dynamics(model):
+def _dynamics(model, tolerance):
     wanted, known = model.alternatives("simulate")[0]
     known = [n for n in known if n != "time"]  # a rig whose inputs are bound says "from time"
     flat = replace(model.flat)  # solving adds derivatives to it
@@ -80,47 +87,15 @@ def _dynamics(model):
     x, z, u, p = (ca.vertcat(*[symbols[n] for n in names], ca.SX(0, 1))
                   for names in (solution.states, solution.algebraic, known, parameters))
     rates = [values.get(flat.derivatives[n], symbols[flat.derivatives[n]]) for n in solution.states]
-    residual = ca.vertcat(*solution.residuals, ca.SX(0, 1))
     outputs = [n for n in flat.variables if n in values and n not in known]
-    arguments, names = [x, z, u, p, symbols["time"]], ["x", "z", "u", "p", "t"]
-    system = ca.Function("system", arguments, [ca.cse(ca.vertcat(*rates, ca.SX(0, 1))), ca.cse(residual)])
+    friction = [i for i, n in enumerate(solution.states) if (flat.variables[n].min, flat.variables[n].max) == (-1, 1)]
+    made = steps(System(x, z, u, p, symbols["time"], rates, solution.residuals, friction), tolerance)
     start = {n: n for n in solution.states}
     start.update({n: values[n].name() for n in outputs if values[n].is_symbolic() and values[n].name() in start})
-    output = ca.Function("output", arguments, [ca.cse(ca.densify(ca.vertcat(*[values[n] for n in outputs])))],
-                         names, ["y"])
+    output = ca.Function("output", [x, z, u, p, symbols["time"]],
+                         [ca.cse(ca.densify(ca.vertcat(*[values[n] for n in outputs])))], ["x", "z", "u", "p", "t"], ["y"])
     return Dynamics(known, solution.states, solution.algebraic, parameters, outputs, start,
-                    _initial(system), _step(system), output)
-
-
-def _initial(system):
-    """Algebraic variables for given states."""
-    x, z, u, p, t = (ca.SX.sym(n, system.size1_in(k)) for k, n in enumerate("xzupt"))
-    names = ["x", "z", "u", "p", "t"]
-    if not z.numel():
-        return ca.Function("initial", [x, z, u, p, t], [z], names, ["z_next"])
-    residual = system(x, z, u, p, t)[1]
-    finder = ca.rootfinder("initial_root", "fast_newton", ca.Function("g", [z, ca.vertcat(x, u, p, t)], [residual]))
-    X, Z, U, P, T = (ca.MX.sym(n, system.size1_in(k)) for k, n in enumerate("xzupt"))
-    return ca.Function("initial", [X, Z, U, P, T], [finder(Z, ca.vertcat(X, U, P, T))], names, ["z_next"])
-
-
-def _step(system):
-    """One collocation step, in time relative to the step so that its length is an argument."""
-    sizes = [system.size1_in(k) for k in range(4)]
-    x, z, u0, p = (ca.SX.sym(n, size) for n, size in zip(["x", "z", "u0", "p"], sizes))
-    u1, t, h, s = ca.SX.sym("u1", sizes[2]), ca.SX.sym("t"), ca.SX.sym("h"), ca.SX.sym("s")
-    rate, residual = system(x, z, u0 + s * (u1 - u0), p, t + s * h)
-    dae = {"x": x, "p": ca.vertcat(u0, u1, p, t, h), "t": s, "ode": h * rate}
-    if z.numel():
-        dae.update(z=z, alg=residual)
-    integrator = ca.integrator("integrate", "collocation", dae, 0.0, 1.0, {
-        "collocation_scheme": "radau", "interpolation_order": 2, "number_of_finite_elements": 1,
-        "rootfinder": "fast_newton", "simplify": True,
-        "rootfinder_options": {"abstol": 1e-11, "max_iter": 100}})
-    names = ["x", "z", "u0", "u1", "p", "t", "h"]
-    a = [ca.MX.sym(n, size) for n, size in zip(names, [sizes[0], sizes[1], sizes[2], sizes[2], sizes[3], 1, 1])]
-    end = integrator(x0=a[0], z0=a[1], p=ca.vertcat(*a[2:]))
-    return ca.Function("step", a, [end["xf"], end["zf"]], names, ["x_next", "z_next"])
+                    made.initial, made.rates, made.step, output)
 
 
 def step_function(model, h=None):
@@ -135,7 +110,7 @@ def step_function(model, h=None):
     Returns
     -------
     casadi.Function
-        ``(x, z, u0, u1, p, t) -> (x_next, z_next)``; names of the elements are in ``dynamics(model)``.
+        ``(x, z, u0, u1, p, t) -> (x_next, z_next, error)``; names of the elements are in ``dynamics(model)``.
     """
     step = dynamics(model).step
     if h is None:
@@ -213,9 +188,12 @@ def _march(rig, d, x, u, p, time, step, hold):
             done, b = a, min(a + _CHUNK, len(h))
             walk = d.step.mapaccum("walk", b - a, 2)
             columns = np.broadcast_to(p[:, None], (len(p), b - a))
-            xs, zs = walk(states[:, a], algebraic[:, a], u0[:, a:b], u1[:, a:b], columns, t[None, a:b], h[None, a:b])
+            xs, zs, errors = walk(states[:, a], algebraic[:, a], u0[:, a:b], u1[:, a:b], columns, t[None, a:b],
+                                  h[None, a:b])
             states[:, a + 1:b + 1], algebraic[:, a + 1:b + 1] = xs, zs
-            if not np.isfinite(states[:, b]).all():
+            failed = ~(np.array(errors)[0] <= 1)
+            if failed.any():
+                done = a + int(np.argmax(failed))
                 raise RuntimeError
     except RuntimeError:
         when = t[done] if len(t) else time[0]

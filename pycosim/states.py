@@ -1,16 +1,20 @@
 """Friction states along a log: motion in, states (and what they owe to the parameters) out.
 
-A friction state follows ``x' = a x + b`` with ``a`` and ``b`` of the speed, stiff when its travel is short. Each step is
-exact for inputs held at their mean over it, and the steps of a whole log are a linear recursion.
+With its inputs held, a friction state moves at a rate of one or two straight pieces, stiff when its travel is short.
+Each step is exact for inputs held at their mean over it. Where the rate is one piece, ``x' = a x + b``, the steps of a
+whole log are a linear recursion.
 """
 
 from __future__ import annotations
+
+import inspect
 
 import casadi as ca
 import numpy as np
 
 from .compile import ArrayFunction
 from .errors import ModelicaError
+
 
 
 def dependent_parameters(question):
@@ -20,23 +24,158 @@ def dependent_parameters(question):
     return [n for n, s in zip(question.parameters, ca.vertsplit(p)) if question.states and ca.depends_on(rate, s)]
 
 
-def _step(question, free):
-    """Growth and drive of one step, ``x+ = growth x + drive``, and their derivatives by the free parameters."""
+def advance(rate, x, h, p):
+    """Friction states after a time, everything else held: exact, and stable for any step.
+
+    Parameters
+    ----------
+    rate, x : SX, shape (n, 1)
+        Rates, and the symbols of the states, which lie between -1 and 1.
+    h : SX
+        Time [s].
+    p : SX
+        Symbols of the parameters.
+
+    Returns
+    -------
+    SX, shape (n, 1)
+
+    Raises
+    ------
+    ModelicaError
+        A rate is neither straight in its state, nor that of an elastic displacement that slides.
+    """
+    found = [ca.SX(0, 1)]
+    for r, s in zip(ca.vertsplit(rate), ca.vertsplit(x)):
+        line = _line(r, s, h)
+        found.append(line[0] * s + line[1] if line else _along(s, *_move(r, s, h, p), *_pieces(r, s, p)))
+    return ca.vertcat(*found)
+
+
+def coupled(rate, x):
+    """Indices of the states whose rate depends on another state of the list."""
+    return [i for i, r in enumerate(ca.vertsplit(rate))
+            if any(ca.depends_on(r, s) for j, s in enumerate(ca.vertsplit(x)) if j != i)]
+
+
+def _line(rate, x, h):
+    """Growth and drive of ``x+ = growth x + drive`` where the rate is straight in the state, else None."""
+    slope = ca.jacobian(rate, x)
+    if ca.depends_on(slope, x):
+        return None
+    y = ca.densify(slope) * h
+    series = ca.if_else(ca.fabs(y) > 1e-6, (ca.exp(y) - 1) / ca.if_else(y == 0, 1, y), 1 + y / 2)
+    return ca.exp(y), ca.substitute(rate, x, 0.0) * h * series
+
+
+def _free(rate, x, p):
+    """Rate of an elastic displacement that does not slide: its gradient at rest, by what drives it."""
+    parameters = {s.name() for s in ca.symvar(p)}
+    drives = ca.vertcat(*[s for s in ca.symvar(rate) if s.name() not in {x.name(), *parameters}], ca.SX(0, 1))
+    at_rest = ca.vertcat(x, drives), ca.DM.zeros(1 + drives.numel())
+    return ca.substitute(ca.jacobian(rate, drives), *at_rest), drives
+
+
+def _move(rate, x, h, p):
+    """Free move of an elastic displacement, and its direction."""
+    free = ca.mtimes(*_free(rate, x, p))
+    return free * h, ca.sign(free)
+
+
+def _along(x, move, toward, bend, bend_turn, limit, limit_turn, ratio, ratio_turn):
+    """Displacement after a free move as far as the bend, and from there towards the limit."""
+    far, bend, limit = x + move, bend + toward * bend_turn, limit + toward * limit_turn
+    corner = ca.fmin(ca.fmax(bend, ca.fmin(x, far)), ca.fmax(x, far))
+    return limit + (corner - limit) * ca.exp((ratio + toward * ratio_turn) * (far - corner))
+
+
+def _pieces(rate, x, p):
+    """Bend, limit and inverse length of an elastic displacement that slides, from its rate.
+
+    Relative to the free rate, the rate depends on nothing but the direction, the state and
+    parameters: free as far as the bend, then straight down to zero at the limit. Each comes as the mean of both
+    directions and half their difference.
+    """
+    gradient, drives = _free(rate, x, p)
+    free = ca.mtimes(gradient, drives)
+    found = []
+    for way in (1.0, -1.0):
+        some = ca.substitute(rate / free, drives, way * gradient.T)  # any motion in this direction
+        slope = ca.substitute(ca.jacobian(some, x), x, way)
+        limit = way - ca.substitute(some, x, way) / slope
+        found.append((limit + 1 / slope, limit, slope))
+    pieces = [part for one, other in zip(*found) for part in ((one + other) / 2, (one - other) / 2)]
+    _check_pieces(rate, x, free, pieces, p)
+    return pieces
+
+
+def _check_pieces(rate, x, free, pieces, p):
+    """Compare a rate with its pieces, by numbers."""
+    toward = ca.sign(free)
+    limit, ratio = (pieces[k] + toward * pieces[k + 1] for k in (2, 4))
+    error = rate - free * ca.fmin(1, ratio * (x - limit))
+    names = ca.symvar(ca.vertcat(error, free, *pieces))
+    check = ca.Function("check", names, [error, free])
+    parameters, rng = {s.name() for s in ca.symvar(p)}, np.random.default_rng(3)
+    for _ in range(32):
+        point = [rng.uniform(0.1 if n.name() in parameters else -0.9, 0.9) for n in names]
+        error, size = (abs(float(v)) for v in check.call(point))
+        if not error <= 1e-9 * (1 + size):
+            raise ModelicaError(f"at a given speed the rate of '{x.name()}' is not straight in it, nor that of an elastic "
+                                "displacement that slides; write an effect's state as x' = a(w) x + b(w)")
+
+
+def follow(question):
+    """One step of the friction states of a question, as a function to take away.
+
+    Parameters
+    ----------
+    question : Question
+
+    Returns
+    -------
+    casadi.Function
+        ``(u, x, p, h) -> x_next``: states after ``h`` seconds, for the means of the inputs over them.
+    """
     u, x, p = question.symbols()
     h = ca.SX.sym("h")
-    rate = question.rate(u, x, p)
-    slope = ca.jacobian(rate, x)
-    if any(r != c for r, c in zip(*slope.sparsity().get_triplet())) or ca.depends_on(slope, x):
-        raise ModelicaError(f"the states {', '.join(question.states)} are not each linear in themselves at a given "
-                            "speed; write an effect's state as x' = a(w) x + b(w)")
-    y = ca.densify(ca.diag(slope)) * h
-    series = ca.if_else(ca.fabs(y) > 1e-6, (ca.exp(y) - 1) / ca.if_else(y == 0, 1, y), 1 + y / 2)
-    parts = ca.vertcat(ca.exp(y), ca.substitute(rate, x, ca.DM.zeros(x.numel())) * h * series)
-    columns = [ca.jacobian(parts, p[question.parameters.index(n)]) for n in free]
-    return ArrayFunction(ca.Function("step", [u, p, h], [ca.densify(ca.horzcat(parts, *columns))]))
+    return ca.Function("follow", [u, x, p, h], [ca.cse(advance(question.rate(u, x, p), x, h, p))],
+                       ["u", "x", "p", "h"], ["x_next"])
 
 
-def propagate(question, signals, time, parameters, run=None, free=()):
+class _Steps:
+    """One step of some states of a question, cut into what is a linear recursion and what is not."""
+
+    def __init__(self, question, chosen):
+        self.u, x, self.p = question.symbols()
+        rate = question.rate(self.u, x, self.p)
+        self.x, rate = x[chosen], rate[chosen]
+        others = [i for i in range(x.numel()) if i not in chosen]
+        if coupled(rate, self.x) or any(ca.depends_on(rate, x[i]) for i in others):
+            raise ModelicaError(f"the states {', '.join(question.states)} are coupled to one another; write an effect's "
+                                "state as x' = a(w) x + b(w)")
+        self.h, states, rates = ca.SX.sym("h"), ca.vertsplit(self.x), ca.vertsplit(rate)
+        lines = [_line(r, s, self.h) for r, s in zip(rates, states)]
+        self.straight = [i for i, line in enumerate(lines) if line]
+        self.bent = [i for i, line in enumerate(lines) if not line]
+        self.lines = [lines[i] for i in self.straight]
+        self.pieces = [(*_move(rates[i], states[i], self.h, self.p), *_pieces(rates[i], states[i], self.p)) for i in self.bent]
+        self.after = advance(rate, self.x, self.h, self.p)
+
+    def coefficients(self):
+        """``(inputs, parameters, h)`` to the coefficients of the straight ones, then of the bent ones."""
+        parts = [part for rows in (self.lines, self.pieces) for column in zip(*rows) for part in column]
+        return ArrayFunction(ca.Function("coefficients", [self.u, self.p, self.h], [ca.densify(ca.vertcat(*parts))]))
+
+    def sensitivity(self, question, free):
+        """Derivatives of a step by its own state and by parameters."""
+        own = ca.diag(ca.jacobian(self.after, self.x))
+        columns = [ca.jacobian(self.after, self.p[question.parameters.index(n)]) for n in free]
+        return ArrayFunction(ca.Function("sensitivity", [self.u, self.x, self.p, self.h],
+                                         [ca.densify(ca.horzcat(own, *columns))]))
+
+
+def propagate(question, signals, time, parameters, run=None, free=(), only=None):
     """Friction states at every sample of one or several logs, from zero at the start of each.
 
     Parameters
@@ -51,6 +190,8 @@ def propagate(question, signals, time, parameters, run=None, free=()):
         Index of the log a sample belongs to.
     free : list of str
         Parameters whose sensitivities are wanted too.
+    only : list of str, optional
+        States to follow; the others stay zero.
 
     Returns
     -------
@@ -60,12 +201,33 @@ def propagate(question, signals, time, parameters, run=None, free=()):
     Raises
     ------
     ModelicaError
-        A state is coupled to another, or not linear in itself.
+        A state is coupled to another, or its rate is not made of one or two straight pieces.
     """
     n, m = len(time), len(question.states)
-    if m == 0 or n < 2:
-        return np.zeros((m, n)), np.zeros((len(free), m, n))
+    states, sensitivities = np.zeros((m, n)), np.zeros((len(free), m, n))
+    chosen = [i for i, name in enumerate(question.states) if only is None or name in only]
+    if not chosen or n < 2:
+        return states, sensitivities
     h = np.diff(time)
+    inputs = _between(question, signals, n, h)
+    values = [float(parameters[p]) for p in question.parameters]
+    keep = np.ones(n - 1) if run is None else (run[1:] == run[:-1]).astype(float)  # a new log starts from zero
+    steps = _Steps(question, chosen)
+    found = steps.coefficients()([*inputs, *values, h], n - 1)
+    split = 2 * len(steps.straight)
+    if steps.straight:
+        states[np.array(chosen)[steps.straight]] = scan(*(keep * found[:split].reshape(2, -1, n - 1)))
+    if steps.bent:
+        states[np.array(chosen)[steps.bent]] = _walk(found[split:], keep)
+    if free:
+        found = steps.sensitivity(question, free)([*inputs, *states[chosen, :-1], *values, h], n - 1)
+        growth, *drives = keep * found.reshape(1 + len(free), len(chosen), n - 1)
+        sensitivities[:, chosen] = [scan(growth, drive) for drive in drives]
+    return states, sensitivities
+
+
+def _between(question, signals, n, h):
+    """Means of a question's inputs over each step."""
     inputs = []
     for name in question.inputs:
         angle = signals.get(name[4:-1]) if name.startswith("der(") else None
@@ -74,15 +236,32 @@ def propagate(question, signals, time, parameters, run=None, free=()):
         else:
             value = np.broadcast_to(signals.get(name, 0.0), n)
             inputs.append((value[1:] + value[:-1]) / 2)
-    values = _step(question, free)([*inputs, *[float(parameters[p]) for p in question.parameters], h], n - 1)
-    growth, drive, *rest = values.reshape(-1, m, n - 1)
-    if run is not None:  # a new log starts from zero
-        new = run[1:] != run[:-1]
-        for part in (growth, drive, *rest):
-            part[:, new] = 0.0
-    states = scan(growth, drive)
-    sensitivities = [scan(growth, dg * states[:, :-1] + dd) for dg, dd in zip(rest[::2], rest[1::2])]
-    return states, np.array(sensitivities).reshape(len(free), m, n)
+    return inputs
+
+
+def _walk(pieces, keep):
+    """States after each step from zero; ``keep`` of zero starts again.
+
+    The log is cut into rows that advance side by side, each from what the row before ended with in the sweep before:
+    friction forgets as it slides, so that a few sweeps settle all rows. Only rows whose start changed go again.
+    """
+    names = [ca.SX.sym(n) for n in ("x", *inspect.signature(_along).parameters, "keep")][1:]
+    m, n = len(pieces) // (len(names) - 2), len(keep)
+    width = int(np.ceil(np.sqrt(n)))
+    rows = -(-n // width)
+    fill = ((0, 0), (0, rows * width - n))
+    data = np.pad(np.vstack([pieces, np.tile(keep, (m, 1))]), fill).reshape(len(names) - 1, m * rows, width)
+    step = ArrayFunction(ca.Function("along", names, [names[-1] * _along(*names[:-1])]))
+    states, starts, todo = np.zeros((m * rows, width)), np.zeros(m * rows), np.arange(m * rows)
+    while len(todo):
+        part, x = np.ascontiguousarray(data[:, todo].transpose(2, 0, 1)), starts[todo]
+        for k in range(width):
+            x = step([x, *part[k]], len(todo))[0]
+            states[todo, k] = x
+        ends = states[:, -1].reshape(m, rows)
+        new = np.hstack([np.zeros((m, 1)), ends[:, :-1]]).ravel()
+        todo, starts = np.flatnonzero(new != starts), new
+    return np.hstack([np.zeros((m, 1)), states.reshape(m, -1)[:, :n]])
 
 
 def scan(growth, drive):

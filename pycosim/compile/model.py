@@ -69,12 +69,18 @@ class Question:
             ``(inputs, parameters) -> outputs``; stateless, for users who want one function to take away.
         """
         u, x, p = self.symbols()
-        rate = self.rate(u, x, p)
-        slope = [ca.jacobian(rate[i], x[i]) for i in range(len(self.states))]
-        offset = ca.substitute(rate, x, ca.DM.zeros(len(self.states)))
-        limit = [ca.if_else(s < 0, -o / s, 0) for s, o in zip(slope, ca.vertsplit(offset))] if self.states else []
-        y = ca.substitute(self.output(u, x, p), x, ca.vertcat(*limit)) if limit else self.output(u, x, p)
+        y = self.output(u, x, p)
+        if self.states:
+            y = ca.substitute(y, x, ca.vertcat(*[_limit(r, s) for r, s in
+                                                 zip(ca.vertsplit(self.rate(u, x, p)), ca.vertsplit(x))]))
         return ca.Function("estimate", [u, p], [ca.cse(y)], ["u", "p"], ["y"])
+
+
+def _limit(rate, x):
+    """Where a friction state ends that moves on and on: at 1 or -1 its rate is straight, if it bends at all."""
+    toward = ca.sign(ca.substitute(rate, x, 0.0))
+    slope, end = (ca.substitute(e, x, toward) for e in (ca.jacobian(rate, x), rate))
+    return ca.if_else(slope < 0, toward - end / slope, 0)
 
 
 class Model:

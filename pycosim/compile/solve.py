@@ -289,7 +289,7 @@ def piecewise_linear(residuals, x):
         point = ca.DM.zeros(len(x))
         for i, s in zip(signed, pattern):
             point[i] = s
-        solution = _solve_small(ca.substitute(jacobian, v, point), -at_zero)
+        solution = solve_small(ca.substitute(jacobian, v, point), -at_zero)
         fit = ca.inf
         for i, s in zip(signed, pattern):
             fit = ca.fmin(fit, s * solution[i]) if isinstance(fit, ca.SX) else s * solution[i]
@@ -329,7 +329,8 @@ def _depends(expression, symbol):
     return symbol.name() in {s.name() for s in ca.symvar(expression)}
 
 
-def _solve_small(matrix, right):
+def solve_small(matrix, right):
+    """Solution of a few linear equations, unrolled without choosing pivots: by determinants, or by rotations."""
     n = matrix.shape[0]
     if n == 1:
         return right / matrix
@@ -383,7 +384,8 @@ def solve(flat, known, keep=(), explicit=True):
     keep : list of str
         States to keep rather than eliminate, where there is a choice.
     explicit : bool
-        Solve what is left in closed form (``estimate``, ``compensate``); else leave it as residuals (``simulate``).
+        Solve what is left in closed form (``estimate``, ``compensate``); else (``simulate``) only what follows from the
+        states and their rates, and leave residuals for these.
 
     Returns
     -------
@@ -412,8 +414,34 @@ def solve(flat, known, keep=(), explicit=True):
     solution.algebraic, solution.residuals = unknowns, residuals
     if explicit:
         _close(flat, system, solution)
+    else:
+        _tear(flat, system, solution, rates)
     _substitute_back(system, solution)
     return solution
+
+
+def _tear(flat, system, solution, rates):
+    """Solve one by one, in closed form, what follows once the rates are known; the rest stays residuals."""
+    waiting = [(r, system.names(r) - set(solution.states) - rates) for r in solution.residuals]
+    closed, left = [], []
+    while waiting:
+        waiting.sort(key=lambda item: len(item[1]))
+        residual, names = waiting.pop(0)
+        result = None
+        if len(names) == 1:
+            x = [system.symbols[n] for n in names]
+            result = piecewise_linear([residual], x)
+        if result is None or not _solves([residual], x, result, flat.parameters):
+            left.append(residual)
+            continue
+        closed += zip(names, result)
+        waiting = [(r, others - names) for r, others in waiting]
+    system.solved += reversed(closed)
+    symbols = [system.symbols[n] for n, _ in closed]
+    for n, s in zip(reversed(closed), reversed(symbols)):
+        left = ca.substitute(left, [s], [n[1]])
+    solution.residuals = left
+    solution.algebraic = [n for n in solution.algebraic if n not in dict(closed)]
 
 
 def _close(flat, system, solution):

@@ -1,0 +1,239 @@
+"""Model and parameters in; a header and one C file out that estimate, compensate and simulate on a microcontroller.
+
+The C is generated from the functions that Python evaluates: C99, no allocation, nothing global that is written, nothing
+of the library but ``math.h``.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import casadi as ca
+
+from ..errors import StudyError, UnknownNameError, closest
+from ..simulate import dynamics
+from ..states import follow
+
+_LOOSE = 2e-5  # tolerance of a step in single precision, whose rounding is 1e-7
+_MATH = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "expm1", "log", "log1p",
+         "sqrt", "pow", "fabs", "floor", "ceil", "fmod", "hypot", "copysign")
+_PRECISIONS = ("double", "float")
+_SIGNATURE = "(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem)"
+
+
+def export_c(model, parameters, folder, name, real="double"):
+    """Write a rig as C for a microcontroller.
+
+    Parameters
+    ----------
+    model : pycosim.compile.Model
+    parameters : dict of str to float
+        Instead of the model's defaults.
+    folder : path
+        Where ``name.h`` and ``name.c`` go; made when missing.
+    name : str
+        A C identifier; every name of the header starts with it.
+    real : {"double", "float"}
+        Type of every number.
+
+    Returns
+    -------
+    tuple of pathlib.Path
+        Header and source.
+
+    Raises
+    ------
+    StudyError
+        The name is no C identifier, or the precision unknown.
+    UnknownNameError
+        The rig has no such parameter.
+    """
+    if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
+        raise StudyError(f"'{name}' is no name in C; use letters, digits and _, a letter first")
+    if real not in _PRECISIONS:
+        raise StudyError(f"no precision '{real}'{closest(real, _PRECISIONS)}")
+    values = {n: v.value for n, v in model.parameters.items()}
+    for n in parameters:
+        if n not in values:
+            raise UnknownNameError(f"no parameter '{n}' in {model.rig}{closest(n, values)}")
+    values.update(parameters)
+    parts = [_Part(f"{name}_{question}", model.question(question), model) for question in ("estimate", "compensate")
+             if question in model.notes]
+    parts.append(_Simulation(f"{name}_simulate", model, dynamics(model, _LOOSE) if real == "float" else dynamics(model)))
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = {folder / f"{name}.h": _header(model, name, real, parts, values),
+             folder / f"{name}.c": _source(name, real, parts, values)}
+    for path, text in texts.items():
+        temporary = path.with_name(path.name + ".part")
+        temporary.write_text(text)
+        os.replace(temporary, path)
+    return tuple(texts)
+
+
+class _Part:
+    """A question: its answer for one sample, and its friction states after it."""
+
+    def __init__(self, name, question, model):
+        self.name, self.variables = name, {**model.flat.variables, **model.parameters, **question.variables}
+        self.vectors = {"input": question.inputs, "state": question.states, "output": question.outputs}
+        u, x, p = question.symbols()
+        everything, h = ca.SX.sym("p", len(model.parameters)), ca.SX.sym("h")
+        order = list(model.parameters)
+        chosen = everything[[order.index(n) for n in question.parameters]]
+        self.functions = [ca.Function(f"answer_{name}", [u, x, everything], [ca.densify(question.output(u, x, chosen))])]
+        real = "const {real}"
+        self.declared = [(
+            "Answer for one sample.", f"void {name}",
+            [(f"{real} *", "inputs"), (f"{real} *", "states"), (f"{real} *", "parameters"), ("{real} *", "outputs")])]
+        if question.states:
+            self.functions.append(ca.Function(f"follow_{name}", [u, x, everything, h], [follow(question)(u, x, chosen, h)]))
+            self.declared.append((
+                "States after h seconds, for the means of the inputs over them; next may be states.", f"void {name}_next",
+                [(f"{real} *", "inputs"), (f"{real} *", "states"), (f"{real} *", "parameters"), (f"{real} ", "h"),
+                 ("{real} *", "next")]))
+
+
+class _Simulation:
+    """The motion: a start that fits, one step, and what follows from both."""
+
+    def __init__(self, name, model, d):
+        self.name, self.variables = name, {**model.flat.variables, **model.parameters}
+        self.vectors = {"input": d.inputs, "state": d.states, "algebraic": d.algebraic, "output": d.outputs}
+        self.functions = [_named(f"{k}_{name}", f) for k, f in (("start", d.initial), ("step", d.step), ("output", d.output))]
+        real = "const {real}"
+        at = [(f"{real} *", "states"), (f"{real} *", "algebraic"), (f"{real} *", "inputs"), (f"{real} *", "parameters"),
+              (f"{real} ", "time")]
+        self.declared = [
+            ("Algebraic variables that fit the states, from a guess; fit may be algebraic.", f"void {name}_start",
+             [*at, ("{real} *", "fit")]),
+            ("States after h seconds, inputs linear in between. *error above 1, or not a number: not solved.",
+             f"void {name}_step",
+             [*at[:2], (f"{real} *", "inputs"), (f"{real} *", "inputs_next"), *at[3:], (f"{real} ", "h"),
+              ("{real} *", "states_next"), ("{real} *", "algebraic_next"), ("{real} *", "error")]),
+            ("All other variables, for algebraic variables that fit.", f"void {name}_output", [*at, ("{real} *", "outputs")])]
+
+
+def _named(name, function):
+    arguments = function.mx_in()
+    return ca.Function(name, arguments, function.call(arguments))
+
+
+def _constant(prefix, variable):
+    """Name of an index; the variable keeps its case, as f and F are two."""
+    return f"{prefix.upper()}_{re.sub('[^A-Za-z0-9]+', '_', variable).strip('_')}"
+
+
+def _header(model, name, real, parts, values):
+    """Declarations, and the index of every name."""
+    guard = f"{name.upper()}_H"
+    lines = [f"/* {model.rig}: what is known in, what follows out. SI units; generated by pycosim. */",
+             f"#ifndef {guard}", f"#define {guard}", "", "#ifdef __cplusplus", 'extern "C" {', "#endif", "",
+             *_index(f"{name}_parameter", list(values), model.parameters), "",
+             "/* Values that were identified, or the model's own. */", f"void {name}_parameters({real} *parameters);"]
+    for part in parts:
+        for kind, names in part.vectors.items():
+            lines += ["", *_index(f"{part.name}_{kind}", names, part.variables)]
+        for (note, start, arguments), function in zip(part.declared, part.functions):
+            lines += ["", f"/* {note} Takes {_memory(function)} numbers of stack. */", _prototype(start, arguments, real) + ";"]
+    return "\n".join([*lines, "", "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */", ""])
+
+
+def _index(prefix, names, variables):
+    """An enumeration of a vector's elements; its last is their number."""
+    lines = []
+    for k, n in enumerate(names):
+        base, dots = n, 0
+        while base.startswith("der(") and base not in variables:
+            base, dots = base[4:-1], dots + 1
+        v = variables.get(base)
+        unit = f"[{v.unit}{f'/s{dots}' if dots > 1 else '/s' if dots else ''}]" if v else "[s]" if n == "time" else ""
+        text = f"{n} {unit} {v.description if v and not dots else ''}".replace("*/", "").strip()
+        lines.append(f"  {_constant(prefix, n)} = {k}, /* {text} */")
+    return [f"enum {prefix} {{", *lines, f"  {prefix.upper()}_COUNT = {len(names)}", "};"]
+
+
+def _prototype(start, arguments, real):
+    return f"{start}({', '.join(kind.format(real=real) + n for kind, n in arguments)})"
+
+
+def _memory(function):
+    return function.sz_w()
+
+
+def _source(name, real, parts, values):
+    """Generated functions, hidden, and a readable one around each."""
+    generator = ca.CodeGenerator(name, {"with_header": False, "main": False, "casadi_real": real, "casadi_int": "int"})
+    for part in parts:
+        for function in part.functions:
+            generator.add(function)
+    lines = [f'#include "{name}.h"', "#include <math.h>", "", f"typedef {real} casadi_real;", "typedef int casadi_int;", "",
+             _clean(generator.dump(), real), f"void {name}_parameters({real} *parameters) {{"]
+    lines += [f"  parameters[{_constant(f'{name}_parameter', n)}] = {_literal(v, real)};" for n, v in values.items()]
+    lines += ["}", ""]
+    for part in parts:
+        for (_, start, arguments), function in zip(part.declared, part.functions):
+            lines += [_wrapper(start, arguments, function, real), ""]
+    return "\n".join(lines)
+
+
+def _literal(value, real):
+    return f"{float(value)!r}{'f' if real == 'float' else ''}"
+
+
+def _wrapper(start, arguments, function, real):
+    """A function with named arguments around one with CasADi's; results are copied last, so that they may be inputs."""
+    inputs = [(kind, n) for kind, n in arguments if kind.startswith("const")]
+    outputs = [n for kind, n in arguments if not kind.startswith("const")]
+    given = ", ".join(n if kind.endswith("*") else f"&{n}" for kind, n in inputs)
+    lines = [f"{_prototype(start, arguments, real)} {{",
+             f"  const casadi_real *arg[{function.sz_arg()}] = {{{given}}};",
+             f"  casadi_real *res[{max(1, function.sz_res())}];",
+             f"  casadi_real w[{function.sz_w() + 1}];", f"  casadi_int iw[{function.sz_iw() + 1}];"]
+    for k, n in enumerate(outputs):
+        size = max(1, function.numel_out(k))
+        lines.append(f"  casadi_real {n}_[{size}] = {{0}};")
+        lines.append(f"  res[{k}] = {n}_;")
+    lines.append(f"  {function.name()}(arg, res, iw, w, 0);")
+    for k, n in enumerate(outputs):
+        if function.numel_out(k):
+            lines.append(f"  for (int i = 0; i < {function.numel_out(k)}; ++i) {n}[i] = {n}_[i];")
+        else:
+            lines.append(f"  (void){n};")
+    return "\n".join([*lines, "}"])
+
+
+def _clean(text, real):
+    """CasADi's C without what compilers warn of: descriptions of functions, unused arguments and tables."""
+    text = text[text.index("/* Symbol visibility"):]
+    text = text[text.index("#endif\n\n", text.rindex("CASADI_SYMBOL_EXPORT __attribute__")) + 8:] if (
+        "CASADI_SYMBOL_EXPORT __attribute__" in text) else text
+    text = re.sub(r"#ifdef __cplusplus\n.*?#endif\n", "", text, flags=re.S)
+    kept = []
+    for block in re.split(r"(?=^CASADI_SYMBOL_EXPORT )", text, flags=re.M):
+        if not block.startswith("CASADI_SYMBOL_EXPORT "):
+            kept.append(block)
+            continue
+        body, end = block.split("\n}\n", 1) if "\n}\n" in block else (block.split("\n", 1)[0], block.split("\n", 1)[1])
+        if _SIGNATURE[:-1] in body:
+            kept.append("static " + body.removeprefix("CASADI_SYMBOL_EXPORT ") + "\n}\n")
+        kept.append(end)
+    text = "".join(kept)
+    text = re.sub(re.escape(_SIGNATURE) + r" ?\{", _SIGNATURE + " {\n  (void)arg; (void)res; (void)iw; (void)w; (void)mem;", text)
+    text = re.sub(r"^((?:casadi_real|void|int|casadi_int) casadi_\w+\()", r"static inline \1", text, flags=re.M)
+    text = re.sub(r"#if __STDC_VERSION__ < 199901L\n(  return x[<>]y.*?)#else\n.*?#endif\n", r"\1", text, flags=re.S)
+    text = _without_unused(text.replace("/* Pre-c99 compatibility */\n", ""))
+    if real == "float":
+        text = re.sub(rf"\b({'|'.join(_MATH)})\(", r"\1f(", text)
+        text = re.sub(r"(?<![\w.])(\d+\.\d*(?:[eE][-+]?\d+)?)", r"\1f", text)
+    return text
+
+
+def _without_unused(text):
+    """Drop tables and helpers that nothing uses."""
+    for name in re.findall(r"^static const casadi_\w+ (casadi_s\d+)\[", text, re.M):
+        if len(re.findall(rf"\b{name}\b", text)) == 1:
+            text = re.sub(rf"^static const casadi_int {name}\[.*?;\n", "", text, flags=re.M | re.S)
+    return text

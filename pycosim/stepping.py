@@ -1,0 +1,269 @@
+"""Differential-algebraic system in; its consistent start, rates, and one implicit step as CasADi functions out.
+
+The step is the two-stage, stiffly accurate, singly diagonally implicit Runge-Kutta method [1]_: order 2, L-stable, so
+that a short travel of friction does not limit it. Its unknowns are the algebraic variables alone (accelerations): a
+stage's angles and speeds follow from them, friction states from what the angles moved (`states.advance`), and loads in
+closed form. What is left is solved by Newton's method with an exact Jacobian, a handful of unknowns unrolled into
+scalar code; two corrections usually do, and more, damped, are made only while the last one was not small.
+
+References
+----------
+.. [1] Alexander, R. (1977). Diagonally implicit Runge-Kutta methods for stiff O.D.E.'s. SIAM J. Numer. Anal. 14(6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from .compile.solve import solve_small
+from .states import advance
+
+GAMMA = 1 - 0.5 ** 0.5
+TOLERANCE = 1e-7  # of a correction, relative; Newton's next one would be its square
+_CORRECTIONS = 2  # made in any case
+_PLAIN = 4  # made while the last one was too large
+_RESCUE = 40  # made after those, damped, while the last one was too large
+_SHARES = (1.0, 0.5, 0.25, 0.125, 0.03)  # of a damped correction
+
+
+class System:
+    """States, algebraic variables and what they depend on.
+
+    Parameters
+    ----------
+    x, z, u, p, t : SX
+        Symbols of the states, algebraic variables, inputs, parameters and the time.
+    rates : list of SX
+        Derivatives of the states.
+    residuals : list of SX
+        As many as algebraic variables.
+    friction : list of int
+        States that lie between -1 and 1; one that depends on itself is carried on by `states.advance`.
+    """
+
+    def __init__(self, x, z, u, p, t, rates, residuals, friction):
+        self.x, self.z, self.known = x, z, [u, p, t]
+        self.rates, self.given, self.order, loose = list(rates), ca.vertcat(*rates, ca.SX(0, 1)), [], []
+        left = list(range(x.numel()))
+        friction = {i for i in friction if not ca.depends_on(rates[i], z)}
+        needs = [{j for j in left if ca.depends_on(r, x[j])} for r in rates]
+        while left:
+            ready = [i for i in left if needs[i] <= {*self.order} | {i} & friction]
+            for i in ready or left[:1]:
+                if not ready:  # then its rate is an unknown too
+                    loose.append(i)
+                    self.rates[i], needs[i] = ca.SX.sym(f"rate{i}"), set()
+                self.order.append(i)
+                left.remove(i)
+        self.held = {i for i in self.order if i in needs[i]}
+        self.unknown = ca.vertcat(z, *[self.rates[i] for i in loose])
+        self.start = ca.vertcat(z, *[rates[i] for i in loose])
+        self.residual = ca.vertcat(*residuals, *[rates[i] - self.rates[i] for i in loose])
+
+    def stage(self):
+        """Correction of a stage's unknowns, and its states, with what only the parameters ask for worked out before.
+
+        A state is ``base + c[0] rate``; friction states start at ``x0`` and see the others at ``mean + c[1] x`` for
+        ``c[2]`` seconds.
+
+        Returns
+        -------
+        prepare : casadi.Function
+            ``p -> q``
+        newton : casadi.Function
+            ``(y, x0, base, mean, c, u, q, t) -> y, size, miss``: with the correction's relative size, and by how much
+            the equations failed before it.
+        place : casadi.Function
+            ``(y, x0, base, mean, c, u, q, t) -> x``
+        """
+        n, y = self.x.numel(), self.unknown
+        x0, base, mean, c = ca.SX.sym("x0", n), ca.SX.sym("base", n), ca.SX.sym("mean", n), ca.SX.sym("c", 3)
+        x = self._place(x0, base, mean, c)
+        residual = ca.substitute(self.residual, self.x, x)
+        change = solve_small(_jacobian(residual, y), residual) if y.numel() else residual
+        size = ca.norm_inf(change / (1 + ca.fabs(y))) if y.numel() else ca.SX(0)
+        u, p, t = self.known
+        (y_next, size, miss, x), symbols, values = _prepare([y - change, size, ca.sumsqr(residual), x], p)
+        symbols, values = ca.vertcat(p, symbols), ca.vertcat(p, values)
+        arguments = [y, x0, base, mean, c, u, symbols, t]
+        return (ca.Function("prepare", [p], [values]), ca.Function("newton", arguments, ca.cse([y_next, size, miss])),
+                ca.Function("place", arguments, [x]))
+
+    def _place(self, x0, base, mean, c):
+        """States of a stage."""
+        x, stage = ca.vertsplit(self.x), ca.vertsplit(base)
+        for i in self.order:
+            if i not in self.held:
+                stage[i] = base[i] + c[0] * ca.substitute(self.rates[i], self.x, ca.vertcat(*stage))
+                continue
+            seen = [x[j] if j == i else mean[j] + c[1] * stage[j] for j in range(len(x))]
+            after = advance(self.rates[i], x[i], c[2], self.known[1])
+            stage[i] = ca.substitute(after, self.x, ca.vertcat(*[x0[j] if j == i else seen[j] for j in range(len(x))]))
+        return ca.vertcat(*stage, ca.SX(0, 1))
+
+
+def _jacobian(expression, y):
+    """Jacobian with a choice, not CasADi's quotient of comparisons, where an expression bends."""
+    cuts = []
+
+    def cut(op, *used):
+        if op in (ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS) and any(ca.depends_on(u, ca.vertcat(y, *[c[0] for c in cuts]))
+                                                              for u in used):
+            cuts.append((ca.SX.sym(f"cut{len(cuts)}"), op, *used))
+            return cuts[-1][0]
+
+    total = _tangent(y, _rebuild(expression, cut), cuts)
+    values = [ca.SX.unary(op, *used) if op == ca.OP_FABS else ca.SX.binary(op, *used) for _, op, *used in cuts]
+    found = [total]
+    for (symbol, *_), value in zip(reversed(cuts), reversed(values)):
+        found = ca.substitute(found, [symbol], [value])
+    return found[0]
+
+
+def _tangent(y, expression, cuts):
+    """Jacobian of an expression by y, through what was cut out of it."""
+    symbols, slopes = ca.vertcat(*[c[0] for c in cuts], ca.SX(0, 1)), ca.SX(0, y.numel())
+
+    def through(e):
+        return ca.jacobian(e, y) + ca.mtimes(ca.jacobian(e, symbols[:slopes.shape[0]]), slopes)
+
+    for _, op, a, *b in cuts:
+        if op == ca.OP_FABS:
+            slope = ca.sign(a) * through(a)
+        else:
+            first = a <= b[0] if op == ca.OP_FMIN else a >= b[0]
+            slope = ca.if_else(first, through(a), through(b[0]))
+        slopes = ca.vertcat(slopes, slope)
+    return through(expression)
+
+
+def _prepare(expressions, p):
+    """Split what depends on the parameters alone from expressions: the rest of these, its symbols, their values."""
+    joined = ca.vertcat(*[ca.vec(ca.densify(e)) for e in expressions])
+    joined, symbols, values = ca.extract_parametric(ca.cse(joined), p, {})
+    inverse, divisors = {}, [*symbols, *ca.vertsplit(p)]
+
+    def multiply(op, a, b=None):
+        if op == ca.OP_DIV and b.is_symbolic() and b.name() in known:
+            return a * inverse.setdefault(b.name(), ca.SX.sym(f"inverse_{b.name()}"))
+
+    known = {s.name(): v for s, v in zip(divisors, [*values, *ca.vertsplit(p)])}
+    joined = _rebuild(joined, multiply)
+    ends = [0]
+    for e in expressions:
+        ends.append(ends[-1] + e.numel())
+    return ([joined[a:b] for a, b in zip(ends, ends[1:])], ca.vertcat(ca.SX(0, 1), *symbols, *inverse.values()),
+            ca.vertcat(ca.SX(0, 1), *values, *[1 / known[n] for n in inverse]))
+
+
+def _rebuild(expression, rule=lambda *_: None):
+    """A column again, instruction by instruction, with what a rule puts in place of an operation."""
+    symbols = ca.symvar(expression)
+    function = ca.Function("f", symbols, [ca.cse(ca.densify(expression))])
+    work, result = [None] * (function.sz_w() + 1), [ca.SX(0)] * expression.numel()
+    for k in range(function.n_instructions()):
+        op, out, used = (f(k) for f in (function.instruction_id, function.instruction_output,
+                                        function.instruction_input))
+        if op == ca.OP_INPUT:
+            work[out[0]] = symbols[used[0]]
+        elif op == ca.OP_CONST:
+            work[out[0]] = ca.SX(function.instruction_constant(k))
+        elif op == ca.OP_OUTPUT:
+            result[out[1]] = work[used[0]]
+        else:
+            given = [work[j] for j in used]
+            put = rule(op, *given)
+            plain = ca.SX.unary if len(given) == 1 else ca.SX.binary
+            work[out[0]] = plain(op, *given) if put is None else put
+    return ca.vertcat(*result, ca.SX(0, 1))
+
+
+def _damped(newton):
+    """A correction, shortened to the share after which the equations fail least."""
+    arguments = newton.mx_in()
+    y = arguments[0]
+    full, size, _ = newton(*arguments)
+    best, least = full, ca.MX.inf()
+    for share in _SHARES:
+        trial = y + share * (full - y)
+        miss = newton(trial, *arguments[1:])[2]
+        best, least = ca.if_else(miss < least, trial, best), ca.fmin(miss, least)
+    return ca.Function("damped", arguments, [best, size])
+
+
+def _guarded(name, function, tolerance):
+    """``(size, y, ...) -> y, size``: the function's, but y and size as they are where the size is small or no number."""
+    arguments = function.mx_in()
+    size = ca.MX.sym("size")
+    again = ca.Function("again", [size, *arguments], function.call(arguments)[:2])
+    keep = ca.Function("keep", [size, *arguments], [arguments[0], size])
+    either = ca.Function.if_else(name, again, keep)
+    return lambda size, *given: either(size > tolerance, size, *given)
+
+
+def _settle(newton, tolerance):
+    """``(y, ...) -> y, size``: corrections until they are small."""
+    arguments = newton.mx_in()
+    y, *rest = arguments
+    plain, damped = _guarded("plain", newton, tolerance), _guarded("rescued", _damped(newton), tolerance)
+    found, size, _ = newton(y, *rest)
+    for _ in range(_PLAIN):
+        found, size = plain(size, found, *rest)
+    for _ in range(_RESCUE):
+        found, size = damped(size, found, *rest)
+    more = _guarded("more", ca.Function("corrected", arguments, [found, size]), tolerance)
+    for _ in range(_CORRECTIONS):
+        y, size, _ = newton(y, *rest)
+    return ca.Function("settle", arguments, more(size, y, *rest))
+
+
+@dataclass
+class Steps:
+    """Functions of a system; see `simulate.Dynamics` for their arguments."""
+
+    initial: ca.Function
+    rates: ca.Function
+    step: ca.Function
+
+
+def steps(system, tolerance=TOLERANCE):
+    """Make the functions of a system.
+
+    Parameters
+    ----------
+    system : System
+    tolerance : float
+        Largest last correction, relative.
+
+    Returns
+    -------
+    Steps
+    """
+    prepare, newton, place = system.stage()
+    settle = _settle(newton, tolerance)
+    n, m = system.x.numel(), system.z.numel()
+    start = ca.Function("start", [system.x, system.z, *system.known], [system.start])
+    given = ca.Function("given", [system.x, system.z, *system.known], [ca.densify(system.given)])
+    names = ["x", "z", "u", "p", "t"]
+    x, z, u0, u1, p, t, h = (ca.MX.sym(k, *size) for k, size in zip(
+        ["x", "z", "u0", "u1", "p", "t", "h"],
+        [(n,), (m,), system.known[0].shape, system.known[0].shape, system.known[1].shape, (1,), (1,)]))
+    q = prepare(p)
+    now = [x, x, ca.MX(n, 1), ca.MX([0, 1, 0]), u0, q, t]  # a stage of no length
+    consistent = settle(start(x, z, u0, p, t), *now)[0][:m]
+    initial = ca.Function("initial", [x, z, u0, p, t], [consistent], names, ["z_next"])
+    rates = ca.Function("rates", [x, z, u0, p, t], [given(x, consistent, u0, p, t)], names, ["xdot"])
+
+    def stage(y, base, mean, c, share):
+        at = [x, base, mean, ca.vertcat(*c), u0 + share * (u1 - u0), q, t + share * h]
+        y, size = settle(y, *at)
+        return y, size, place(y, *at)
+
+    y, first, x1 = stage(start(x, z, u0, p, t), x, ca.MX(n, 1), (GAMMA * h, 1, GAMMA * h), GAMMA)
+    y, second, x2 = stage(y, x + (1 - GAMMA) / GAMMA * (x1 - x), (1 - GAMMA) * x1, (GAMMA * h, GAMMA, h), 1)
+    error = ca.fmax(first, second) / tolerance
+    step = ca.Function("step", [x, z, u0, u1, p, t, h], [x2, y[:m], error],
+                       ["x", "z", "u0", "u1", "p", "t", "h"], ["x_next", "z_next", "error"])
+    return Steps(initial, rates, step)
