@@ -131,6 +131,7 @@ class _Participant:
     inputs = ()
     known = ()
     labels = {}
+    units = {}
     length = None  # of a motion that ends by itself [s]
 
     def prepare(self, inputs, outputs):
@@ -207,6 +208,7 @@ class _Plant(_InProcess):
             self.x[d.states.index(d.start[n])] = value
         self.state = self.x, self.z, self.now, self.u, self.time, self.fresh
         self.inputs, self.known = d.inputs, [*d.states, *d.outputs, *d.inputs]
+        self.units = {n: v.unit for n, v in model.flat.variables.items()}
         self.step, self.initial = _Buffered(d.step), _Buffered(d.initial)
 
     def prepare(self, inputs, outputs):
@@ -261,6 +263,7 @@ class _Controller(_InProcess):
     def __init__(self, c, block):
         self.block, self.inputs = block, [v.name for v in block.inputs]
         self.known = [v.name for v in (*block.outputs, *block.inputs, *block.states)]
+        self.units = {v.name: v.unit for v in (*block.outputs, *block.inputs, *block.states)}
         given = {v.name: v.value for v in block.parameters}
         _known(c.parameters, given, f"parameter of the controller {block.name}")
         _bounds(c.parameters, block.parameters)
@@ -291,8 +294,10 @@ class _Motion(_Participant):
 
     kind = "trajectory"
 
-    def __init__(self, c, motion):
+    def __init__(self, c, motion, model):
         self.rate, self.motion = float(c.rate), motion
+        flat = model.flat.variables
+        self.units = {n: flat[n.removeprefix("ref.")].unit for n in motion.columns if n.removeprefix("ref.") in flat}
         self.known = [*motion.columns, "label"]
         self.labels = {"label": motion.labels}
         self.length = motion.time[-1]
@@ -387,6 +392,7 @@ class _Fmu(_Participant):
         self.number = {v.name: v.valueReference for v in self.description.modelVariables if v.type in real}
         self.inputs = [v.name for v in self.description.modelVariables if v.causality == "input" and v.type in real]
         self.known = list(self.number)
+        self.units = {v.name: v.unit or "1" for v in self.description.modelVariables}
         self._initialize(c)
 
     def _initialize(self, c):
@@ -516,7 +522,7 @@ def _make(scenario, c, library, stack):
         motion = trajectories.from_file(scenario.beside(c.what), model, given, float(c.rate))
     else:
         motion = trajectories.make(c.what, model, given, float(c.rate), scenario.duration, **c.options)
-    return _Motion(c, motion)
+    return _Motion(c, motion, model)
 
 
 def _with(c, **changed):
@@ -712,8 +718,9 @@ class _Master:
 
     def _describe(self, log, complete):
         s = self.scenario
-        ranges = {n: {"min": log[n].min(), "max": log[n].max(), "rms": float(np.sqrt(np.mean(log[n] ** 2)))}
-                  for n in s.columns if pd.api.types.is_numeric_dtype(log[n])}
+        ranges = {n: {"unit": self.parts[c.signal[0]].units.get(c.signal[1], "1"), "min": log[n].min(),
+                      "max": log[n].max(), "rms": float(np.sqrt(np.mean(log[n] ** 2)))}
+                  for n, c in s.columns.items() if pd.api.types.is_numeric_dtype(log[n])}
         return {"schema": 1, "scenario": s.name, "method": s.method, "duration": self._time(self.end),
                 "time": self._time(self.tick), "complete": complete, "rows": len(log),
                 "components": [{"name": c.name, "is": self.parts[c.name].kind, "what": c.what, "rate": float(c.rate)}
