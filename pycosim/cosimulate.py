@@ -535,7 +535,8 @@ def _exported(key, fmi, stack, make):
     folder = Path(tempfile.mkdtemp(prefix="pycosim-fmu-"))
     stack.callback(shutil.rmtree, folder, ignore_errors=True)
     here = Path(__file__).parent
-    code = [p.read_text(encoding="utf-8") for p in sorted([*here.glob("*.py"), *here.glob("export/*.py")])]
+    made_by = [here / f"{n}.py" for n in ("controllers", "simulate", "states", "stepping", "variables")]
+    code = [p.read_text(encoding="utf-8") for p in [*made_by, *sorted(here.glob("export/*.py"))]]
     from .export.source import WRAPPER
     code += [p.read_text(encoding="utf-8") for p in sorted(WRAPPER.glob("*.c"))]
     made = cache.remember("fmu", cache.digest(*key, str(fmi), *code), lambda: _packed(make(folder)), bytes, bytes)
