@@ -272,6 +272,7 @@ def estimator(model, values, period=PERIOD):
     """Joint torques from the motors alone: motion and torque of the motors in, joint torques out.
 
     Friction states follow the measured angles through reversals and standstill, as `pycosim.simulate.estimate` has them.
+    Accelerations matter where rotors have inertia; left unconnected, they are zero.
 
     Parameters
     ----------
@@ -283,7 +284,7 @@ def estimator(model, values, period=PERIOD):
     Block
     """
     b = _Builder(model, dict(values), period)
-    now = b.motion()
+    now = b.motion(acceleration=True)
     torques = {f"{m}.tau": b.input(f"{m}.tau", description=f"Torque of {m}, k_m Iq") for m in b.motors}
     names = [n for _, n in b.joints]
     states = b.friction_states("estimate", now)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import base64
 import ctypes
 import hashlib
-import importlib
+import importlib.util
 import io
 import json
 import math
@@ -354,15 +354,26 @@ def _import(what, folder):
         raise CosimulationError(f"'{what}' is not of the form \"module:Class\"")
     sys.path.insert(0, str(folder))
     try:
-        importlib.invalidate_caches()
-        found = importlib.import_module(module)
+        found = _module(module, folder)
     except Exception as error:
         raise CosimulationError(f"'{module}' cannot be imported: {type(error).__name__}: {error}") from None
     finally:
         sys.path.remove(str(folder))
     if not hasattr(found, name):
-        raise CosimulationError(f"'{module}' has no class '{name}'{closest(name, vars(found))}")
+        raise CosimulationError(f"'{module}' has no class '{name}'{closest(name, [n for n in vars(found) if n[0] != '_'])}")
     return getattr(found, name)
+
+
+def _module(module, folder):
+    """A module of the scenario's folder, under a name of its own: another scenario may have one of the same name."""
+    path = folder.joinpath(*module.split(".")).with_suffix(".py")
+    if not path.is_file():
+        return importlib.import_module(module)
+    name = f"scenario_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    sys.modules[name] = found = importlib.util.module_from_spec(spec)  # pickle looks classes up there
+    spec.loader.exec_module(found)
+    return found
 
 
 class _Fmu(_Participant):
@@ -708,7 +719,7 @@ class _Master:
                 value += column.noise * self.random.standard_normal()
             if column.quantum:
                 value = round(value / column.quantum) * column.quantum
-            cells.append(f"{value:.10g}")
+            cells.append(f"{value:.12g}")
         self.rows.write(",".join(cells) + "\n")
 
     def _result(self):

@@ -229,7 +229,7 @@ def gait(model, values, rate, duration=10.0, cycle=1.6, load=30.0, start=2.0):
     return Trajectory(time, columns, (phase >= 0.6).astype(int), ["stance", "swing"])
 
 
-def hold(model, values, rate, duration=10.0, posture=(0.5, -0.6), load=(0.0, 0.0), ramp=1.0):
+def hold(model, values, rate, duration=10.0, posture=0.5, load=0.0, ramp=1.0):
     """Hold a posture while torques from outside grow, stay, and go again.
 
     Parameters
@@ -261,7 +261,7 @@ def hold(model, values, rate, duration=10.0, posture=(0.5, -0.6), load=(0.0, 0.0
     return Trajectory(time, columns, np.zeros(len(time), int), ["rest"])
 
 
-def backdrive(model, values, rate, duration=10.0, posture=(0.5, -0.6), amplitude=(0.3, 0.3), cycle=(4.0, 2.5)):
+def backdrive(model, values, rate, duration=10.0, posture=0.5, amplitude=0.3, cycle=4.0):
     """Move the joints to and fro about a posture, each with its own period.
 
     Parameters
