@@ -7,6 +7,7 @@ a CasADi function like the plant, and the same wrapper exports it; only the cont
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -379,10 +380,12 @@ def make(kind, model, values, period=PERIOD, **options):
     StudyError
         The rig's annotation lacks what the block asks the model.
     """
-    import inspect
     _choice("controller", kind, CONTROLLERS)
-    known = list(inspect.signature(CONTROLLERS[kind]).parameters)[3:]
-    for name in options:
+    known = dict(list(inspect.signature(CONTROLLERS[kind]).parameters.items())[3:])
+    for name, value in options.items():
         if name not in known:
             raise UnknownNameError(f"the controller '{kind}' has no option '{name}'{closest(name, known)}")
+        usual = known[name].default
+        if isinstance(value, bool) != isinstance(usual, bool) or isinstance(value, str) != isinstance(usual, str):
+            raise StudyError(f"the controller '{kind}': option '{name}' must be of the kind of {usual!r}, not {value!r}")
     return CONTROLLERS[kind](model, values, period, **options)

@@ -350,6 +350,8 @@ def make(kind, model, values, rate, duration=None, **options):
     ------
     UnknownNameError
         No such motion, or it has no such option.
+    DataError
+        An option has a value that does not fit.
     """
     if kind not in TRAJECTORIES:
         raise UnknownNameError(f"no trajectory '{kind}'{closest(kind, TRAJECTORIES)}")
@@ -357,12 +359,17 @@ def make(kind, model, values, rate, duration=None, **options):
     for name in options:
         if name not in known:
             raise UnknownNameError(f"the trajectory '{kind}' has no option '{name}'{closest(name, known)}")
+    for name, value in options.items():
+        numbers = value if isinstance(value, list) else [value]
+        if not numbers or any(isinstance(v, (bool, str)) or not np.isfinite(v) for v in numbers):
+            raise DataError(f"the trajectory '{kind}': '{name}' must be a number, or a list of numbers, not {value!r}")
     if duration is not None:
         options["duration"] = duration
     try:
         return TRAJECTORIES[kind](model, values, rate, **options)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"trajectory '{kind}': an option has a value that does not fit ({error})") from None
+    except (TypeError, ValueError):
+        raise DataError(f"the trajectory '{kind}': one of {', '.join(options)} has a list where it needs a number, or the "
+                        "other way round") from None
 
 
 def _derived(q, t, time):

@@ -26,6 +26,11 @@ class Greedy(Bad):
         pass
 """
 
+MOTION = """\
+trajectory = "backdrive"
+machine = "DriveTrain.Rigs.GearedJoint"
+rate = 200
+options = { cycle = 1.2, amplitude = 0.1 }"""
 CASES = {  # what is wrong: (old text, new text, what the sentence must name)
     "unknown key": ("seed = 3", "sede = 3", "closest: 'seed'"),
     "unknown key of a component": ('run = "process"', 'rum = "process"', "closest: 'run'"),
@@ -51,7 +56,9 @@ CASES = {  # what is wrong: (old text, new text, what the sentence must name)
     "unknown trajectory": ('"backdrive"', '"backdive"', "closest: 'backdrive'"),
     "unknown option of a trajectory": ("{ cycle = 1.2", "{ cyle = 1.2", "closest: 'cycle'"),
     "option of another kind": ("{ cycle = 1.2", '{ cycle = "fast"', "cycle"),
-    "motion for another rig": ('trajectory = "backdrive"', 'trajectory = "gait"', "hip and knee"),
+    "motion for another rig": (MOTION, 'trajectory = "gait"\nmachine = "DriveTrain.Rigs.GearedJoint"\nrate = 200',
+                               "hip and knee"),
+    "share as text": ("parameters = { kp", 'options = { friction = "all" }\nparameters = { kp', "'friction'"),
     "unknown component": ('"plant -> estimator"', '"plant -> estimater"', "closest: 'estimator'"),
     "unknown input": ("-> plant.tau", "-> plant.tua", "closest: 'tau'"),
     "unknown output": ('"controller.motor.tau ->', '"controller.motor.tao ->', "closest: 'motor.tau'"),
