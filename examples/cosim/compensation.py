@@ -2,8 +2,11 @@
 
 Run: python examples/cosim/compensation.py
 Backdriving: a hand moves both joints to and fro while the motors carry the leg; what the hand feels is its torque, less
-what the leg itself asks for its acceleration. Tracking: the gait-like cycle under position control.
+what the leg itself asks for its acceleration. Tracking: the gait-like cycle under position control, without load: no controller knows a load from outside. Letting
+go: the leg is pushed off at 0.2 rad/s in both joints, and nobody holds it any more.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from common import HERE, IMAGES, changed, logged
@@ -42,9 +45,18 @@ def frictionless():
 
 def tracked(share, factor):
     """RMS of the tracking error of hip and knee over the gait-like cycle [mrad]."""
-    run = logged(changed("gait", controller={"options": {"friction": share}, "parameters": wrong(factor)}), 200)
+    run = logged(changed("gait", reference={"options": {"load": 0.0}}, controller={"options": {"friction": share}, "parameters": wrong(factor)}), 200)
     after = (run["time"] > 2).to_numpy()
     return [float(1e3 * np.sqrt(np.mean((run[q] - run[f"{q}_wanted"])[after] ** 2))) for q in ("q_H", "q_K")]
+
+
+def released(share, factor):
+    """How far hip and knee get within 3 s when they are pushed off at 0.2 rad/s and let go [rad]."""
+    scenario = changed("backdrive", hand={"parameters": {"k": 0.0, "d": 0.0}},
+                       plant={"start": {"leg.w_H": 0.2, "leg.w_K": 0.2}},
+                       controller={"options": {"friction": share}, "parameters": wrong(factor)})
+    run = logged(replace(scenario, duration=3.0), 200)
+    return [float(np.ptp(run[q])) for q in ("q_H", "q_K")]
 
 
 def main():
@@ -57,9 +69,11 @@ def main():
     for name in CASES:
         print(f"  {name:14s} hip {felts[name][0]:.3f}, knee {felts[name][1]:.3f}      "
               f"hip {errors[name][0]:.2f}, knee {errors[name][1]:.2f}")
-    share = backdriven(0.9, 1.0)
-    print(f"  right, 90 %: hip {felt(share, transparent)[0]:.3f}, knee {felt(share, transparent)[1]:.3f}")
-    write(figure(runs, errors, felts), IMAGES, "compensation")
+    most = felt(backdriven(0.9, 1.0), transparent)
+    print(f"  right, 90 %    hip {most[0]:.3f}, knee {most[1]:.3f}")
+    for name, case in {**CASES, "right, 90 %": (0.9, 1.0)}.items():
+        print("  let go, {}: hip moves {:.3f}, knee {:.3f} rad in 3 s".format(name, *released(*case)))
+    write(figure(runs, transparent, errors, felts), IMAGES, "compensation")
 
 
 if __name__ == "__main__":

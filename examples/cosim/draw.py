@@ -48,18 +48,18 @@ def reversals(run, truth, found):
 
 
 @_styled
-def simplified(load, full, output, rest):
-    """Left: friction torque of one segment by both laws. Right: error of the joint torques, binned by load."""
-    figure = Figure(figsize=(PAGE, 2.3))
+def simplified(friction, errors):
+    """Left: friction torque of 1A by both laws, in both branches. Right: error of the estimate, by load."""
+    figure = Figure(figsize=(PAGE, 2.4))
     left, right = figure.subplots(1, 2)
-    for (name, line, color), torque in zip((("full", "-", BLUE), ("output torque only", "--", RED)), (full, output)):
-        left.plot(load, torque[0], line, color=color, label=f"{name}, direct")
-        left.plot(load, torque[1], line, color=color, linewidth=2.0, alpha=0.45, label=f"{name}, reverse")
-    left.set_xlabel("output torque of 1A [N$\\,$m]")
-    left.set_ylabel("friction torque [N$\\,$m]")
+    for (law, branches), line, color in zip(friction.items(), ("-", "--"), (BLUE, RED)):
+        for (branch, (load, torque)), marker in zip(branches.items(), "os"):
+            left.plot(load, torque, line, marker=marker, color=color, label=f"{law}, {branch}", markerfacecolor="white")
+    left.set_xlabel("load of 1A [N$\\,$m]")
+    left.set_ylabel("friction torque of 1A [N$\\,$m]")
     left.legend()
-    for (name, values), (line, marker, color) in zip(rest.items(), (("--", "s", RED), ("-.", "^", GREEN))):
-        right.plot(values[0], values[1], line, marker=marker, color=color, label=name)
+    for (name, (load, error)), line, marker, color in zip(errors.items(), ("--", "-."), "s^", (RED, GREEN)):
+        right.plot(load, error, line, marker=marker, color=color, label=name)
     right.set_xlabel("load of 1A [N$\\,$m]")
     right.set_ylabel("error of the hip torque, RMS [N$\\,$m]")
     right.set_ylim(bottom=0)
@@ -68,25 +68,28 @@ def simplified(load, full, output, rest):
 
 
 @_styled
-def compensation(runs, errors, felt):
-    """Left: hand torque at the hip against its angle. Right: tracking error and torque felt, for each compensation."""
+def compensation(runs, transparent, errors, felt):
+    """Left: what friction adds to the torque of the hand at the knee. Right: torque felt and tracking error."""
     figure = Figure(figsize=(PAGE, 2.5))
     left, middle, right = figure.subplots(1, 3, width_ratios=[1.5, 1, 1])
     for (name, run), line, color in zip(runs.items(), LINES, (GREY, BLUE, RED, GREEN)):
-        chosen = run["time"] > 2
-        left.plot(run["q_H"][chosen], run["hand_H"][chosen], line, color=color, label=name, linewidth=0.9)
-    left.set_xlabel("hip angle [rad]")
-    left.set_ylabel("torque of the hand at the hip [N$\\,$m]")
-    left.legend(loc="upper center", bbox_to_anchor=(0.5, 1.3), ncols=2)
-    for axes, values, text in ((middle, felt, "torque felt, RMS [N$\\,$m]"), (right, errors, "tracking error, RMS [mrad]")):
-        names = list(values)
+        chosen = (run["time"] > 4) & (run["time"] < 9)
+        left.plot(run["time"][chosen], (run["hand_K"] - transparent["hand_K"])[chosen], line, color=color, label=name)
+    left.set_xlabel("time [s]")
+    left.set_ylabel("friction felt at the knee [N$\\,$m]")
+    left.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    for axes, values, text in ((middle, felt, "friction felt, RMS [N$\\,$m]"), (right, errors, "tracking error, RMS [mrad]")):
+        names, most = list(values), max(map(max, values.values()))
         for k, (joint, hatch, color) in enumerate((("hip", "", BLUE), ("knee", "////", RED))):
-            axes.barh(np.arange(len(names)) + (0.2 - 0.4 * k), [values[n][k] for n in names], 0.38, hatch=hatch,
-                      color=color, edgecolor="white", label=joint)
+            at, size = np.arange(len(names)) - 0.2 + 0.4 * k, [values[n][k] for n in names]
+            axes.barh(at, size, 0.38, hatch=hatch, color=color, edgecolor="white", label=joint)
+            for y, v in zip(at, size):
+                axes.text(v + 0.02 * most, y, f"{v:.2g}", va="center", fontsize=6)
         axes.set_yticks(range(len(names)), names)
         axes.invert_yaxis()
+        axes.set_xlim(0, 1.2 * most)
         axes.set_xlabel(text)
-    right.legend()
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return figure
 
 
@@ -120,5 +123,5 @@ def sharing(run, phase, torque, speed):
         axes.set_xlabel(f"hip {words}")
         axes.set_ylabel(f"knee {words}")
         axes.set_aspect("equal")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.22), ncols=2)
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return figure

@@ -11,7 +11,7 @@ from draw import sharing as figure
 from draw import write
 
 W_MAX = 2000 * 2 * np.pi / 60  # rad/s, assumed
-CYCLE = 1.6                    # s
+CYCLE, LOAD = 1.6, 90.0        # s, N.m: about what the hip of a grown person carries in walking
 
 
 def log(load):
@@ -48,9 +48,10 @@ def _rms(run):
 
 def main():
     """Measure, tell, draw."""
-    run = log(30.0)
-    tell(run, 30.0)
-    tell(log(0.0), 0.0)
+    for load in (0.0, 30.0):
+        tell(log(load), load)
+    run = log(LOAD)
+    tell(run, LOAD)
     torque = (run["C_H"], run["C_K"], [(2 * T_R * TAU_PEAK, "peak"), (2 * T_R * TAU_NOMINAL, "nominal")],
               T_R * TAU_PEAK, "torque [N$\\,$m]")
     speed = run["w_H"], run["w_K"], [(W_MAX / T_R, "assumed limit")], W_MAX / T_R, "speed [rad/s]"
