@@ -234,7 +234,7 @@ def position_control(model, values, period=PERIOD, side="motor", gravity=True, f
         wanted = {n: wanted[n] + c for (_, n), c in zip(b.joints, pid)}
         torques = b.motor_torques(ref, wanted, share)
     else:
-        pid = _pid(b, 4.0, 0.12, [(now[f"{m}.phi"], m, ref[f"{m}.phi"], ref[f"der({m}.phi)"] - now[f"der({m}.phi)"])
+        pid = _pid(b, 3.0, 0.05, [(now[f"{m}.phi"], m, ref[f"{m}.phi"], ref[f"der({m}.phi)"] - now[f"der({m}.phi)"])
                                   for m in b.motors])
         torques = [a + c for a, c in zip(b.motor_torques(ref, wanted, share), pid)]
     _limited(b, torques)

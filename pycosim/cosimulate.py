@@ -581,7 +581,7 @@ class _Master:
         self.values = np.zeros(self.size)
         self.rows = io.StringIO()
         self.rows.write(",".join(["time", *scenario.columns]) + "\n")
-        self.fresh = True
+        self.fresh, self.current = True, ""
 
     # --- what is connected to what ---
 
@@ -650,7 +650,7 @@ class _Master:
         self.end = math.floor(duration * float(self.rate) + 1e-6)
 
     def _time(self, tick):
-        return float(tick / self.rate)
+        return tick * self.rate.denominator / self.rate.numerator
 
     def _next(self, tick):
         """The next tick at which anything happens."""
@@ -662,7 +662,7 @@ class _Master:
         """Up to the end, or to where it is stopped."""
         last = self.end if until is None else min(self.end, math.floor(until * float(self.rate) + 1e-6))
         said = -math.inf
-        with _interrupts() as interrupted:
+        with _interrupts() as interrupted, _named(self.scenario, lambda: self.current):
             if self.fresh:
                 self._instant()
             while self.tick < last and not interrupted and not stop():
@@ -680,22 +680,23 @@ class _Master:
     def _advance(self):
         t = self._time(self.tick)
         for name in self._due():
-            with _named(self.scenario, name):
-                self.parts[name].advance(t, self.period[name])
+            self.current = name
+            self.parts[name].advance(t, self.period[name])
 
     def _instant(self):
         """Everything that happens at a communication instant before time goes on."""
         self.fresh, t, due = False, self._time(self.tick), self._due()
         for name in due:
-            with _named(self.scenario, name):
-                value = self.parts[name].read()
+            self.current = name
+            value = self.parts[name].read()
             if value is not None:
                 self.values[self.slots[name]] = value
         before = self.values.copy() if self.scenario.method == "jacobi" else self.values
         for name in due:
+            self.current = name
             numbers, constants = self.takes[name]
-            with _named(self.scenario, name):
-                self.values[self.slots[name]] = self.parts[name].exchange(t, np.concatenate([before[numbers], constants]))
+            u = np.concatenate([before[numbers], constants]) if constants.size else before[numbers]
+            self.values[self.slots[name]] = self.parts[name].exchange(t, u)
         self._check_finite(due, t)
         if self.tick % self.log_every == 0:
             self._log(t)
@@ -703,10 +704,9 @@ class _Master:
     def _check_finite(self, due, t):
         if np.isfinite(self.values).all():
             return
-        for name in due:
-            if not np.isfinite(self.values[self.slots[name]]).all():
-                raise CosimulationError(f"{self.scenario.path}: component '{name}' gave a value that is not finite at "
-                                        f"t = {t:g} s")
+        for self.current in due:
+            if not np.isfinite(self.values[self.slots[self.current]]).all():
+                raise CosimulationError(f"it gave a value that is not finite at t = {t:g} s")
 
     def _log(self, t):
         cells = [f"{t:.9g}"]
@@ -800,11 +800,11 @@ def _digest(scenario):
 
 @contextmanager
 def _named(scenario, name):
-    """Errors say which component they come from."""
+    """Errors say which component they come from: a name, or a function that tells it then."""
     try:
         yield
     except PycosimError as error:
-        where = f"{scenario.path}: component '{name}': "
+        where = f"{scenario.path}: component '{name() if callable(name) else name}': "
         raise error if str(error).startswith(str(scenario.path)) else type(error)(where + str(error)) from None
 
 

@@ -17,7 +17,7 @@ from conftest import JOINT
 from pycosim.cli import main
 from pycosim.compile import Library
 from pycosim.cosimulate import cosimulate
-from pycosim.scenario import load_scenario
+from pycosim.scenario import Column, load_scenario
 from pycosim.dataset import Dataset
 from pycosim.study import load_study
 
@@ -109,7 +109,9 @@ def test_the_six_manoeuvres_read_back_as_a_log(models, tmp_path):
     made = shortened("six_manoeuvres", None)
     parts = [replace(c, options={"speeds": [1.6], "repeats": 2, "longest": 1.0}) if c.kind == "trajectory" else c
              for c in made.components]
-    done = cosimulate(replace(made, components=parts), library=models)
+    columns = {**made.columns, "wanted": Column(("reference", "ref.motor2.phi"))}
+    done = cosimulate(replace(made, components=parts, columns=columns), library=models)
+    assert np.abs(done.log["theta2"] - done.log["wanted"]).max() < 0.02 and np.abs(done.log["C_K"]).max() < 20
     (tmp_path / "run.csv").write_text(done.text)
     study = load_study(ROOT / "examples" / "hip_knee" / "study.toml").with_data([tmp_path / "run.csv"])
     study.validate(models)
