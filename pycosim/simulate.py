@@ -92,8 +92,8 @@ def _dynamics(model, tolerance):
     made = steps(System(x, z, u, p, symbols["time"], rates, solution.residuals, friction), tolerance)
     start = {n: n for n in solution.states}
     start.update({n: values[n].name() for n in outputs if values[n].is_symbolic() and values[n].name() in start})
-    output = ca.Function("output", [x, z, u, p, symbols["time"]],
-                         [ca.cse(ca.densify(ca.vertcat(*[values[n] for n in outputs])))], ["x", "z", "u", "p", "t"], ["y"])
+    y = ca.cse(ca.densify(ca.vertcat(*[values[n] for n in outputs])))
+    output = ca.Function("output", [x, z, u, p, symbols["time"]], [y], ["x", "z", "u", "p", "t"], ["y"])
     return Dynamics(known, solution.states, solution.algebraic, parameters, outputs, start,
                     made.initial, made.rates, made.step, output)
 

@@ -121,8 +121,8 @@ def _check_pieces(rate, x, free, pieces, p):
         point = [rng.uniform(0.1 if n.name() in parameters else -0.9, 0.9) for n in names]
         error, size = (abs(float(v)) for v in check.call(point))
         if not error <= 1e-9 * (1 + size):
-            raise ModelicaError(f"at a given speed the rate of '{x.name()}' is not straight in it, nor that of an elastic "
-                                "displacement that slides; write an effect's state as x' = a(w) x + b(w)")
+            raise ModelicaError(f"at a given speed the rate of '{x.name()}' is not straight in it, nor that of an "
+                                "elastic displacement that slides; write an effect's state as x' = a(w) x + b(w)")
 
 
 def follow(question):
@@ -152,14 +152,15 @@ class _Steps:
         self.x, rate = x[chosen], rate[chosen]
         others = [i for i in range(x.numel()) if i not in chosen]
         if coupled(rate, self.x) or any(ca.depends_on(rate, x[i]) for i in others):
-            raise ModelicaError(f"the states {', '.join(question.states)} are coupled to one another; write an effect's "
-                                "state as x' = a(w) x + b(w)")
+            raise ModelicaError(f"the states {', '.join(question.states)} are coupled to one another; write an "
+                                "effect's state as x' = a(w) x + b(w)")
         self.h, states, rates = ca.SX.sym("h"), ca.vertsplit(self.x), ca.vertsplit(rate)
         lines = [_line(r, s, self.h) for r, s in zip(rates, states)]
         self.straight = [i for i, line in enumerate(lines) if line]
         self.bent = [i for i, line in enumerate(lines) if not line]
         self.lines = [lines[i] for i in self.straight]
-        self.pieces = [(*_move(rates[i], states[i], self.h, self.p), *_pieces(rates[i], states[i], self.p)) for i in self.bent]
+        self.pieces = [(*_move(rates[i], states[i], self.h, self.p), *_pieces(rates[i], states[i], self.p))
+                       for i in self.bent]
         self.after = advance(rate, self.x, self.h, self.p)
 
     def coefficients(self):

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from .compile.solve import solve_small
+from .errors import ModelicaError
 from .states import advance
 
 GAMMA = 1 - 0.5 ** 0.5
@@ -47,7 +48,7 @@ class System:
         self.x, self.z, self.known = x, z, [u, p, t]
         self.rates, self.given, self.order, loose = list(rates), ca.vertcat(*rates, ca.SX(0, 1)), [], []
         left = list(range(x.numel()))
-        friction = {i for i in friction if not ca.depends_on(rates[i], z)}
+        friction = {i for i in friction if not ca.depends_on(rates[i], z) and _advances(rates[i], x[i], p)}
         needs = [{j for j in left if ca.depends_on(r, x[j])} for r in rates]
         while left:
             ready = [i for i in left if needs[i] <= {*self.order} | {i} & friction]
@@ -102,6 +103,13 @@ class System:
             after = advance(self.rates[i], x[i], c[2], self.known[1])
             stage[i] = ca.substitute(after, self.x, ca.vertcat(*[x0[j] if j == i else seen[j] for j in range(len(x))]))
         return ca.vertcat(*stage, ca.SX(0, 1))
+
+
+def _advances(rate, x, p):
+    try:
+        return advance(rate, x, ca.SX.sym("h"), p) is not None
+    except ModelicaError:  # of another shape: its rate becomes an unknown
+        return False
 
 
 def _jacobian(expression, y):
@@ -194,7 +202,7 @@ def _damped(newton):
 
 
 def _guarded(name, function, tolerance):
-    """``(size, y, ...) -> y, size``: the function's, but y and size as they are where the size is small or no number."""
+    """``(size, y, ...) -> y, size``: the function's, but as they are where the size is small or no number."""
     arguments = function.mx_in()
     size = ca.MX.sym("size")
     again = ca.Function("again", [size, *arguments], function.call(arguments)[:2])

@@ -15,6 +15,7 @@ import casadi as ca
 from ..errors import StudyError, UnknownNameError, closest
 from ..simulate import dynamics
 from ..states import follow
+from ..variables import Variable
 
 _LOOSE = 2e-5  # tolerance of a step in single precision, whose rounding is 1e-7
 _MATH = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "expm1", "log", "log1p",
@@ -61,7 +62,8 @@ def export_c(model, parameters, folder, name, real="double"):
     values.update(parameters)
     parts = [_Part(f"{name}_{question}", model.question(question), model) for question in ("estimate", "compensate")
              if question in model.notes]
-    parts.append(_Simulation(f"{name}_simulate", model, dynamics(model, _LOOSE) if real == "float" else dynamics(model)))
+    moving = dynamics(model, _LOOSE) if real == "float" else dynamics(model)
+    parts.append(_Simulation(f"{name}_simulate", model, moving))
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     texts = {folder / f"{name}.h": _header(model, name, real, parts, values),
@@ -83,15 +85,18 @@ class _Part:
         everything, h = ca.SX.sym("p", len(model.parameters)), ca.SX.sym("h")
         order = list(model.parameters)
         chosen = everything[[order.index(n) for n in question.parameters]]
-        self.functions = [ca.Function(f"answer_{name}", [u, x, everything], [ca.densify(question.output(u, x, chosen))])]
+        y = ca.densify(question.output(u, x, chosen))
+        self.functions = [ca.Function(f"answer_{name}", [u, x, everything], [y])]
         real = "const {real}"
         self.declared = [(
             "Answer for one sample.", f"void {name}",
             [(f"{real} *", "inputs"), (f"{real} *", "states"), (f"{real} *", "parameters"), ("{real} *", "outputs")])]
         if question.states:
-            self.functions.append(ca.Function(f"follow_{name}", [u, x, everything, h], [follow(question)(u, x, chosen, h)]))
+            after = follow(question)(u, x, chosen, h)
+            self.functions.append(ca.Function(f"follow_{name}", [u, x, everything, h], [after]))
             self.declared.append((
-                "States after h seconds, for the means of the inputs over them; next may be states.", f"void {name}_next",
+                "States after h seconds, for the means of the inputs over them; next may be states.",
+                f"void {name}_next",
                 [(f"{real} *", "inputs"), (f"{real} *", "states"), (f"{real} *", "parameters"), (f"{real} ", "h"),
                  ("{real} *", "next")]))
 
@@ -102,7 +107,8 @@ class _Simulation:
     def __init__(self, name, model, d):
         self.name, self.variables = name, {**model.flat.variables, **model.parameters}
         self.vectors = {"input": d.inputs, "state": d.states, "algebraic": d.algebraic, "output": d.outputs}
-        self.functions = [_named(f"{k}_{name}", f) for k, f in (("start", d.initial), ("step", d.step), ("output", d.output))]
+        self.functions = [_named(f"start_{name}", d.initial), _named(f"step_{name}", d.step),
+                          _named(f"output_{name}", d.output)]
         real = "const {real}"
         at = [(f"{real} *", "states"), (f"{real} *", "algebraic"), (f"{real} *", "inputs"), (f"{real} *", "parameters"),
               (f"{real} ", "time")]
@@ -113,7 +119,8 @@ class _Simulation:
              f"void {name}_step",
              [*at[:2], (f"{real} *", "inputs"), (f"{real} *", "inputs_next"), *at[3:], (f"{real} ", "h"),
               ("{real} *", "states_next"), ("{real} *", "algebraic_next"), ("{real} *", "error")]),
-            ("All other variables, for algebraic variables that fit.", f"void {name}_output", [*at, ("{real} *", "outputs")])]
+            ("All other variables, for algebraic variables that fit.", f"void {name}_output",
+             [*at, ("{real} *", "outputs")])]
 
 
 def _named(name, function):
@@ -137,7 +144,8 @@ def _header(model, name, real, parts, values):
         for kind, names in part.vectors.items():
             lines += ["", *_index(f"{part.name}_{kind}", names, part.variables)]
         for (note, start, arguments), function in zip(part.declared, part.functions):
-            lines += ["", f"/* {note} Takes {_memory(function)} numbers of stack. */", _prototype(start, arguments, real) + ";"]
+            lines += ["", f"/* {note} Takes {function.sz_w()} numbers of stack, and its scalars. */",
+                      _prototype(start, arguments, real) + ";"]
     return "\n".join([*lines, "", "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */", ""])
 
 
@@ -145,22 +153,24 @@ def _index(prefix, names, variables):
     """An enumeration of a vector's elements; its last is their number."""
     lines = []
     for k, n in enumerate(names):
-        base, dots = n, 0
-        while base.startswith("der(") and base not in variables:
-            base, dots = base[4:-1], dots + 1
-        v = variables.get(base)
-        unit = f"[{v.unit}{f'/s{dots}' if dots > 1 else '/s' if dots else ''}]" if v else "[s]" if n == "time" else ""
-        text = f"{n} {unit} {v.description if v and not dots else ''}".replace("*/", "").strip()
+        base, dots = n, n.count("der(")
+        for _ in range(dots):
+            base = base[4:-1]
+        v = Variable("time", "s", "Time") if n == "time" else variables[base]
+        text = f"{n} [{_per_second(v.unit, dots)}] {'' if dots else v.description}".replace("*/", "").strip()
         lines.append(f"  {_constant(prefix, n)} = {k}, /* {text} */")
     return [f"enum {prefix} {{", *lines, f"  {prefix.upper()}_COUNT = {len(names)}", "};"]
 
 
+def _per_second(unit, times):
+    """Unit of a derivative: rad, rad/s, rad/s2."""
+    base, _, power = unit.partition("/s")
+    times += int(power or 1) if unit.endswith(("/s", "/s2")) else 0
+    return f"{base if times else unit}{'' if not times else '/s' if times == 1 else f'/s{times}'}"
+
+
 def _prototype(start, arguments, real):
     return f"{start}({', '.join(kind.format(real=real) + n for kind, n in arguments)})"
-
-
-def _memory(function):
-    return function.sz_w()
 
 
 def _source(name, real, parts, values):
@@ -169,8 +179,8 @@ def _source(name, real, parts, values):
     for part in parts:
         for function in part.functions:
             generator.add(function)
-    lines = [f'#include "{name}.h"', "#include <math.h>", "", f"typedef {real} casadi_real;", "typedef int casadi_int;", "",
-             _clean(generator.dump(), real), f"void {name}_parameters({real} *parameters) {{"]
+    lines = [f'#include "{name}.h"', "#include <math.h>", "", f"typedef {real} casadi_real;",
+             "typedef int casadi_int;", "", _clean(generator.dump(), real), f"void {name}_parameters({real} *parameters) {{"]
     lines += [f"  parameters[{_constant(f'{name}_parameter', n)}] = {_literal(v, real)};" for n, v in values.items()]
     lines += ["}", ""]
     for part in parts:
@@ -221,7 +231,8 @@ def _clean(text, real):
             kept.append("static " + body.removeprefix("CASADI_SYMBOL_EXPORT ") + "\n}\n")
         kept.append(end)
     text = "".join(kept)
-    text = re.sub(re.escape(_SIGNATURE) + r" ?\{", _SIGNATURE + " {\n  (void)arg; (void)res; (void)iw; (void)w; (void)mem;", text)
+    unused = " {\n  (void)arg; (void)res; (void)iw; (void)w; (void)mem;"
+    text = re.sub(re.escape(_SIGNATURE) + r" ?\{", _SIGNATURE + unused, text)
     text = re.sub(r"^((?:casadi_real|void|int|casadi_int) casadi_\w+\()", r"static inline \1", text, flags=re.M)
     text = re.sub(r"#if __STDC_VERSION__ < 199901L\n(  return x[<>]y.*?)#else\n.*?#endif\n", r"\1", text, flags=re.S)
     text = _without_unused(text.replace("/* Pre-c99 compatibility */\n", ""))

@@ -103,8 +103,12 @@ def _same(bare, full, what=""):
     known = [n for n in bare.question("estimate").inputs if not n.startswith("der(")]
     signals = {n: 0.3 * np.sin((3 + k) * time + k) for k, n in enumerate(known)}
     a, b = estimate(bare, signals, time), estimate(full, signals, time)
+    here = np.full(len(time), True)
+    if any(effect.id == "presliding" for effect, _ in full.attached):  # another approach to the same sliding
+        here = np.all([np.abs(np.abs(m[f"{c}.s"]) - 1) < 1e-12 for m in (a, b) for c in bare.segments], axis=0)
+        assert here.mean() > 0.6
     for n in bare.alternatives("estimate")[0][0]:
-        np.testing.assert_allclose(b[n], a[n], atol=1e-12, err_msg=str(what))
+        np.testing.assert_allclose(b[n][here], a[n][here], atol=1e-12 if here.all() else 1e-10, err_msg=str(what))
 
 
 @pytest.mark.parametrize(("name", "segment"), [("Rigs.ServoPendulum", "gear"), ("Rigs.ScrewDrive", "screw")])

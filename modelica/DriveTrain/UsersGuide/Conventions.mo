@@ -23,8 +23,9 @@ torque, never negative [Nobili, Salsedo, Filippeschi, Eq. (friction_model)].</li
 the law is continuous there.</li>
 <li>The support takes the difference, flange_a.tau + flange_b.tau + support.tau = 0. Standing on a moving link, its
 reaction is what makes joint torques come out of the connections.</li>
-<li>Sticking: travel z' = w - |w| z [Dahl, 1968]. A segment at rest under load moves by at most about its travel,
-elastically, and does not creep; for travel to 0 its z is the sign of w.</li>
+<li>Sticking: travel z' = w - (|w| slip + w |slip|) / 2, where slip rises from 0 at |z| = elastic to the sign of z at
+|z| = 1 [Dupont et al., 2002]. A segment at rest under load moves by at most about its travel, elastically, and does not
+creep; for travel to 0 its z is the sign of w. s is z, damped while z changes, and within -1 and 1.</li>
 </ul>
 <h4>Effects</h4>
 <p>An effect adds to a segment's law, or to a motor's torque, through one port, and adds nothing at its neutral
