@@ -38,16 +38,18 @@ static Instance *instantiate(Kind kind, const char *name, const char *token, con
     return m;
 }
 
-fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
-                                          fmi3Boolean visible, fmi3Boolean loggingOn,
+fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken,
+                                          fmi3String resourcePath, fmi3Boolean visible, fmi3Boolean loggingOn,
                                           fmi3InstanceEnvironment instanceEnvironment,
                                           fmi3LogMessageCallback logMessage) {
     (void)resourcePath, (void)visible; /* nothing is read from the resources, nothing is shown */
-    return instantiate(MODEL_EXCHANGE, instanceName, instantiationToken, NULL, loggingOn, instanceEnvironment, logMessage);
+    return instantiate(MODEL_EXCHANGE, instanceName, instantiationToken, NULL, loggingOn, instanceEnvironment,
+                       logMessage);
 }
 
-fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
-                                         fmi3Boolean visible, fmi3Boolean loggingOn, fmi3Boolean eventModeUsed,
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String instantiationToken,
+                                         fmi3String resourcePath, fmi3Boolean visible, fmi3Boolean loggingOn,
+                                         fmi3Boolean eventModeUsed,
                                          fmi3Boolean earlyReturnAllowed,
                                          const fmi3ValueReference requiredIntermediateVariables[],
                                          size_t nRequiredIntermediateVariables,
@@ -58,7 +60,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
     const char *why = eventModeUsed                    ? "this FMU has no event mode in co-simulation"
                       : nRequiredIntermediateVariables ? "this FMU has no intermediate variables"
                                                        : NULL;
-    return instantiate(CO_SIMULATION, instanceName, instantiationToken, why, loggingOn, instanceEnvironment, logMessage);
+    return instantiate(CO_SIMULATION, instanceName, instantiationToken, why, loggingOn, instanceEnvironment,
+                       logMessage);
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(fmi3String instanceName, fmi3String instantiationToken,
@@ -68,8 +71,8 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String instanceName, fmi3Stri
                                                fmi3LockPreemptionCallback lockPreemption,
                                                fmi3UnlockPreemptionCallback unlockPreemption) {
     (void)resourcePath, (void)visible, (void)clockUpdate, (void)lockPreemption, (void)unlockPreemption;
-    return instantiate(CO_SIMULATION, instanceName, instantiationToken, "this FMU has no scheduled execution", loggingOn,
-                       instanceEnvironment, logMessage);
+    return instantiate(CO_SIMULATION, instanceName, instantiationToken, "this FMU has no scheduled execution",
+                       loggingOn, instanceEnvironment, logMessage);
 }
 
 void fmi3FreeInstance(fmi3Instance instance) { free(instance); }
@@ -231,7 +234,8 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUSta
     return fmi3OK;
 }
 
-fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[], size_t size) {
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[],
+                                 size_t size) {
     CHECK(ANY);
     return (fmi3Status)serialize(instance, FMUState, serializedState, size, __func__);
 }

@@ -189,7 +189,8 @@ static Status commit(Instance *m) {
 
 static Status set_up(Instance *m, double start, bool has_stop, double stop) {
     if (!isfinite(start)) return fail(m, ERROR, "the start time is not a finite number");
-    if (has_stop && !(stop >= start)) return fail(m, ERROR, "the stop time %g s is before the start, %g s", stop, start);
+    if (has_stop && !(stop >= start))
+        return fail(m, ERROR, "the stop time %g s is before the start, %g s", stop, start);
     m->s.time = m->s.start = start;
     m->s.has_stop = has_stop;
     m->s.stop = stop;
@@ -242,10 +243,12 @@ static Status settable(Instance *m, uint32_t v, double value, const char *functi
     const int before = CREATED | INITIALIZING;
     if (v >= VR_STILL) return fail(m, ERROR, "%s: %u is not the value reference of a real variable", function, v);
     const char *name = model_names[v];
-    if (!isfinite(value)) return fail(m, ERROR, "%s: '%s' cannot be set to %g, which is not finite", function, name, value);
+    if (!isfinite(value))
+        return fail(m, ERROR, "%s: '%s' cannot be set to %g, which is not finite", function, name, value);
     if (v >= VR_X && v < VR_DX) { /* importers of model exchange, CasADi among them, set states one by one as well */
         if (m->s.phase & (before | EVENT | CONTINUOUS)) return OK;
-        return fail(m, ERROR, "%s: the state '%s' can be set before the end of the initialization only", function, name);
+        return fail(m, ERROR, "%s: the state '%s' can be set before the end of the initialization only", function,
+                    name);
     }
     if (v >= VR_U && v < VR_P) return OK;
     if (v < VR_P || v >= VR_Y) return fail(m, ERROR, "%s: '%s' is computed and cannot be set", function, name);
@@ -254,8 +257,8 @@ static Status settable(Instance *m, uint32_t v, double value, const char *functi
         return fail(m, ERROR, "%s: %g is outside the bounds of '%s', %g to %g", function, value, name, low, high);
     if (m->s.phase & before) return OK;
     if (!model_p_tunable[v - VR_P])
-        return fail(m, ERROR, "%s: the fixed parameter '%s' can be set before the end of the initialization only", function,
-                    name);
+        return fail(m, ERROR, "%s: the fixed parameter '%s' can be set before the end of the initialization only",
+                    function, name);
     if (m->s.phase == CONTINUOUS)
         return fail(m, ERROR, "%s: the parameter '%s' can be changed in event mode, not in between", function, name);
     return OK;
@@ -318,8 +321,9 @@ static bool step_once(Instance *m, double t, double h, double since) {
     }
     const double *in[] = {m->s.x, m->s.z, left, right, m->s.p, &t, &h};
     memcpy(m->arg, in, sizeof in);
-    m->res[0] = m->x_next, m->res[1] = m->z_next;
-    if (model_step(m->arg, m->res, m->iw, m->w, 0)) return false;
+    double error = 0; /* of the equations, relative to what is tolerated */
+    m->res[0] = m->x_next, m->res[1] = m->z_next, m->res[2] = &error;
+    if (model_step(m->arg, m->res, m->iw, m->w, 0) || !(error <= 1)) return false;
     if (!finite_all(m->x_next, NX) || !finite_all(m->z_next, NZ)) return false;
     memcpy(m->s.x, m->x_next, sizeof m->s.x);
     memcpy(m->s.z, m->z_next, sizeof m->s.z);
@@ -354,9 +358,9 @@ static Status do_step(Instance *m, double t, double h) {
         memcpy(m->s.x, x, sizeof x);
         memcpy(m->s.z, z, sizeof z);
         m->s.phase = FAILED;
-        return fail(m, ERROR, "no solution for the step from t = %g s to %g s; take a smaller solver.step than %g s, or "
-                    "check inputs and parameters; the instance is as before this call", t + since, t + since + part,
-                    m->s.p[NP - 1]);
+        return fail(m, ERROR, "no solution for the step from t = %g s to %g s; take a smaller solver.step than %g s, "
+                    "or check inputs and parameters; the instance is as before this call", t + since,
+                    t + since + part, m->s.p[NP - 1]);
     }
     for (size_t k = 0; k < NU; k++) m->s.u[k] += m->s.du[k] * h, m->s.du[k] = 0;
     memcpy(m->s.z_now, m->s.z, sizeof m->s.z);
@@ -500,7 +504,8 @@ static Status serialize(Instance *m, const Saved *saved, void *bytes, size_t n, 
 static Status deserialize(Instance *m, const void *bytes, size_t n, void **state, const char *function) {
     Serialized in;
     if (!bytes || !state) return null_pointer(m, function);
-    if (n < sizeof in) return fail(m, ERROR, "%s: %zu bytes, a state takes %zu: it is truncated", function, n, sizeof in);
+    if (n < sizeof in)
+        return fail(m, ERROR, "%s: %zu bytes, a state takes %zu: it is truncated", function, n, sizeof in);
     memcpy(&in, bytes, sizeof in);
     if (memcmp(in.magic, state_magic, sizeof state_magic) || in.version != STATE_VERSION || in.length != sizeof in)
         return fail(m, ERROR, "%s: not a state that this version wrote", function);

@@ -573,7 +573,8 @@ def run_verb(arguments, progress):
     if arguments.verb == "add":
         run.effect = checked_effect(run, arguments.effect)
     if arguments.verb == "export" and arguments.data:
-        raise UsageError("export reads no log; its values are the study's: pycosim identify STUDY --data FILE finds them")
+        raise UsageError("export reads no log, its values are the study's; 'pycosim identify STUDY --data FILE' finds "
+                         "them")
     with run.folder:
         if arguments.verb != "export":
             run.read()

@@ -54,8 +54,8 @@ static void hear(fmi3InstanceEnvironment e, fmi3Status s, fmi3String c, fmi3Stri
 static void *make(bool me) {
     const char *token = dice(20) ? MODEL_TOKEN : "{other}", *name = dice(20) ? "fuzz" : NULL;
 #if FMI == 2
-    return fmi2Instantiate(name, me ? fmi2ModelExchange : fmi2CoSimulation, token, NULL, dice(20) ? &callbacks : NULL, 0,
-                           (int)dice(2));
+    return fmi2Instantiate(name, me ? fmi2ModelExchange : fmi2CoSimulation, token, NULL,
+                           dice(20) ? &callbacks : NULL, 0, (int)dice(2));
 #else
     if (me) return fmi3InstantiateModelExchange(name, token, NULL, false, dice(2), NULL, dice(9) ? hear : NULL);
     return fmi3InstantiateCoSimulation(name, token, NULL, false, dice(2), !dice(30), false, NULL, 0, NULL,
@@ -93,7 +93,8 @@ static int discrete(void *m) {
 #endif
 }
 
-static int derivatives(void *m, const uint32_t *a, size_t n, const uint32_t *b, size_t k, const double *from, double *to) {
+static int derivatives(void *m, const uint32_t *a, size_t n, const uint32_t *b, size_t k, const double *from,
+                       double *to) {
 #if FMI == 2
     return fmi2GetDirectionalDerivative(m, a, n, b, k, from, to);
 #else

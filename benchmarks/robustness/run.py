@@ -56,8 +56,8 @@ def main():
     for fmi in (2, 3):
         with tempfile.TemporaryDirectory() as folder:
             counts = fuzz(build(plant, fmi, folder, SANITIZE), given.calls)
-            print(f"FMI {fmi}: {counts['calls']} calls under address and undefined-behaviour sanitizers, nothing found; "
-                  f"{counts['fine']} went well, {counts['steps']} were steps, {counts['messages']} messages")
+            print(f"FMI {fmi}: {counts['calls']} calls under address and undefined-behaviour sanitizers, nothing "
+                  f"found; {counts['fine']} went well, {counts['steps']} were steps, {counts['messages']} messages")
             binary = build(plant, fmi, folder, ["-O2"])
             done = subprocess.run([binary, "soak", str(given.steps)], capture_output=True, text=True, check=True)
             print(f"FMI {fmi}: {given.steps} steps, memory grown by {json.loads(done.stdout)['grown_KiB']} KiB")

@@ -54,11 +54,11 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     ------
     ExportError, StudyError
     """
-    from .description import describe, values
+    from .description import c_name, describe, values
     from .document import to_dict
     if to == "c":
         from .c import export_c
-        made = export_c(model, values(study, model), folder, study.name, real)
+        made = export_c(model, values(study, model), folder, c_name(study.name), real)
         return Export([Path(f).name for f in made], {"schema": 1, "name": study.name, "rig": study.rig},
                       [f"C: {', '.join(Path(f).name for f in made)}."])
     plant = describe(study, model)
@@ -70,8 +70,8 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
                      for e in plant.entries)
     lines = [f"{text}: {name}, {described}."]
     if unmeasured:
-        lines.append(f"Of its friction and effect parameters, {unmeasured} are the library's defaults, not the study's: "
-                     "the documentation inside, and export.json, mark them.")
+        lines.append(f"Of its friction and effect parameters, {unmeasured} are the library's defaults, not the "
+                     "study's: the documentation inside, and export.json, mark them.")
     return Export([name], {**description, "files": [name]}, lines)
 
 

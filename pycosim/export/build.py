@@ -56,11 +56,12 @@ def host():
     ExportError
         None of the five.
     """
-    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(host_platform.machine().lower(), host_platform.machine().lower())
+    machine = host_platform.machine().lower()
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
     system = {"win32": "windows"}.get(sys.platform, sys.platform)
     if f"{machine}-{system}" not in PLATFORMS:
-        raise ExportError(f"no binary can be built for {machine}-{system}; there are {', '.join(PLATFORMS)}: export with "
-                          "--platforms all, or rebuild the sources inside the FMU")
+        raise ExportError(f"no binary can be built for {machine}-{system}; there are {', '.join(PLATFORMS)}: export "
+                          "with --platforms all, or rebuild the sources inside the FMU")
     return PLATFORMS[f"{machine}-{system}"]
 
 
@@ -101,7 +102,8 @@ def binaries(files, main, identifier, fmi, wanted="host"):
 def _build(files, main, identifier, target, cross):
     command, version = compiler(target, cross)
     name = identifier + target.suffix
-    command = [*command, *FLAGS, *_link_flags(target, name), main, "-o", name, *(["-lm"] if "linux" in target.name else [])]
+    libraries = ["-lm"] if "linux" in target.name else []
+    command = [*command, *FLAGS, *_link_flags(target, name), main, "-o", name, *libraries]
     h = hashlib.sha256("\0".join([*command, version]).encode())
     for file in sorted(files):
         h.update(file.encode() + b"\0" + files[file])

@@ -76,6 +76,8 @@ class Plant:
         ``x``, ``z``, ``u``, ``p``, ``y``, ``e``.
     terminals : list of (str, dict of str to str)
         Motors and joints: name, and member to variable.
+    stepping : str
+        How it steps, in HTML, where not as a machine does.
     """
 
     name: str
@@ -88,6 +90,7 @@ class Plant:
     functions: list
     sizes: dict
     terminals: list
+    stepping: str = ""
 
 
 def describe(study, model):
@@ -194,9 +197,9 @@ class _Builder:
         return self.study.w_min or W_MIN
 
     def _functions(self):
-        """The five functions that the wrapper calls."""
+        """The five functions that the wrapper calls, and the sparsity of everything computed."""
         arguments, names = [self.x, self.z, self.u, self.p_all, self.t], ["x", "z", "u", "p", "t"]
-        xdot = rates(self.model, self.d)(self.x, self.z, self.torque, self.p, self.t)
+        xdot, residual = system(self.model, self.d)(self.x, self.z, self.torque, self.p, self.t)
         y = ca.vertcat(*self.others.values(), ca.SX(0, 1))
         observe = ca.Function("model_observe", arguments, [ca.densify(ca.cse(xdot)), ca.densify(ca.cse(y))], names,
                               ["xdot", "y"])
@@ -204,22 +207,23 @@ class _Builder:
         X, Z, U, P, T = (ca.MX.sym(n, a.numel()) for n, a in zip(names, arguments))
         torque, p = inner(U, P)
         initial = ca.Function("model_initial", [X, Z, U, P, T], [self.d.initial(X, Z, torque, p, T)], names, ["z_now"])
-        return [initial, self._step(inner), observe, *_derivatives(initial, observe)]
+        forward, reverse, sparsity = _derivatives(arguments, xdot, y, residual)
+        return [initial, self._step(inner), observe, forward, reverse], sparsity
 
     def _step(self, inner):
-        step = self.d.step
         X, Z, P, T, H = (ca.MX.sym(n, k) for n, k in zip("xzpth", (self.x.numel(), self.z.numel(),
                                                                    self.p_all.numel(), 1, 1)))
         U0, U1 = (ca.MX.sym(n, self.u.numel()) for n in ("u0", "u1"))
         (first, p), (last, _) = inner(U0, P), inner(U1, P)
-        return ca.Function("model_step", [X, Z, U0, U1, P, T, H], step(X, Z, first, last, p, T, H)[:2],
-                           ["x", "z", "u0", "u1", "p", "t", "h"], ["x_next", "z_next"])
+        found = [*self.d.step.call([X, Z, first, last, p, T, H]), ca.MX(0)]  # not every step tells its error
+        return ca.Function("model_step", [X, Z, U0, U1, P, T, H], found[:3],
+                           ["x", "z", "u0", "u1", "p", "t", "h"], ["x_next", "z_next", "error"])
 
     # --- variables ---
 
     def plant(self):
         """Put it together."""
-        functions = self._functions()
+        functions, sparsity = self._functions()
         entries = [Entry(Variable("time", "s", "Time"), "independent", "continuous")]
         entries += self._states() + self._rates() + self._inputs() + self._parameters() + self._computed()
         entries += self._flags()
@@ -230,7 +234,7 @@ class _Builder:
                                  f"{self.study.rig}; rename the column or component")
         sizes = {"x": len(self.d.states), "z": len(self.d.algebraic), "u": len(self.d.inputs),
                  "p": self.p_all.numel(), "y": len(self.others), "e": len(self.model.segments)}
-        _depend(entries, sizes, functions)
+        _depend(entries, sizes, sparsity)
         comment = (self.model.library.find(self.study.rig).comment or "").strip('"')
         identified = {n for n, s in self.study.parameters.items() if s.value is not None}
         return Plant(self.study.name, self.study.rig, comment, self.model, self.values, identified, entries, functions,
@@ -258,8 +262,8 @@ class _Builder:
         found = []
         for k, n in enumerate(self.d.states):
             v = self._described(n)
-            text = f"Derivative of {n}"
-            found.append(Entry(Variable(f"der({n})", unit_of_rate(v.unit), text), "local", "continuous", "calculated", k))
+            rate = Variable(f"der({n})", unit_of_rate(v.unit), f"Derivative of {n}")
+            found.append(Entry(rate, "local", "continuous", "calculated", k))
         return found
 
     def _inputs(self):
@@ -335,57 +339,60 @@ class _Builder:
         return found
 
 
-def rates(model, d):
-    """Derivatives of the states, ``(x, z, u, p, t) -> xdot``; those of `Dynamics` where it has them."""
-    if getattr(d, "rates", None) is not None:
-        return d.rates
+def system(model, d):
+    """The equations behind a step, ``(x, z, u, p, t) -> (xdot, residual)``: rates and derivatives need no solver."""
     wanted, _ = model.alternatives("simulate")[0]
     flat = replace(model.flat)  # solving adds derivatives to it
     solution = solve(flat, d.inputs, keep=wanted, explicit=False)
     arguments = [ca.vertcat(*[solution.symbols[n] for n in names], ca.SX(0, 1))
                  for names in (d.states, d.algebraic, d.inputs, d.parameters)]
     xdot = [solution.values.get(flat.derivatives[n], solution.symbols[flat.derivatives[n]]) for n in d.states]
-    return ca.Function("rates", [*arguments, solution.symbols["time"]], [ca.vertcat(*xdot, ca.SX(0, 1))])
+    return ca.Function("system", [*arguments, solution.symbols["time"]],
+                       [ca.vertcat(*xdot, ca.SX(0, 1)), ca.vertcat(*solution.residuals, ca.SX(0, 1))])
 
 
-def _derivatives(initial, observe):
-    """Derivatives of rates and variables along a direction, and their transpose; algebraic variables follow."""
-    a = [ca.MX.sym(n, initial.sparsity_in(k)) for k, n in enumerate("xzupt")]
-    x, z, u, p, t = a
-    total = ca.Function("total", a, observe(x, initial(*a), u, p, t))
-    sizes = [s.numel() for s in (x, u, p, t)]
-    seeds = [ca.MX.sym(f"d{n}", k) for n, k in zip("xupt", sizes)]
-    blank = [ca.MX(total.size_out(k)[0], 1) for k in range(2)]
-    forward = total.forward(1)(*a, *blank, seeds[0], ca.MX(z.numel(), 1), *seeds[1:])
-    weights = [ca.MX.sym(n, total.size1_out(k)) for k, n in enumerate(["wxdot", "wy"])]
-    back = total.reverse(1)(*a, *blank, *weights)
-    return (ca.Function("model_forward", [*a, *seeds], [ca.densify(f) for f in forward]),
-            ca.Function("model_reverse", [*a, *weights], [ca.densify(back[k]) for k in (0, 2, 3, 4)]))
+def _derivatives(arguments, xdot, y, residual):
+    """Derivatives along a direction, their transpose, and their sparsity; algebraic variables follow the others.
+
+    Where the residual R(v, z) is zero, R_v dv + R_z dz = 0 gives dz.
+    """
+    x, z, u, p, t = arguments
+    v, out, slope = ca.vertcat(x, u, p, t), ca.vertcat(xdot, y), ca.jacobian(residual, z)
+    dv, w = ca.SX.sym("dv", v.numel()), ca.SX.sym("w", out.numel())
+    dz = -ca.solve(slope, ca.jtimes(residual, v, dv)) if z.numel() else ca.SX(0, 1)
+    ahead = ca.jtimes(out, v, dv) + ca.jtimes(out, z, dz)
+    back = ca.jtimes(out, v, w, True)
+    if z.numel():
+        back -= ca.jtimes(residual, v, ca.solve(slope.T, ca.jtimes(out, z, w, True)), True)
+    parts = [0, x.numel(), x.numel() + u.numel(), v.numel() - 1, v.numel()]
+    at, split = xdot.numel(), [ca.densify(e) for e in ca.vertsplit(ca.cse(back), parts)]
+    ahead = ca.densify(ca.cse(ahead))
+    forward = ca.Function("model_forward", [*arguments, *ca.vertsplit(dv, parts)], [ahead[:at], ahead[at:]])
+    reverse = ca.Function("model_reverse", [*arguments, w[:at], w[at:]], split)
+    followed = ca.substitute(out, z, z - ca.solve(slope, residual)) if z.numel() else out
+    return forward, reverse, ca.Function("all", [v, z], [followed]).jac_sparsity(0, 0)
 
 
-def _depend(entries, sizes, functions):
-    """Fill in what each derivative and computed variable depends on, from the sparsity of the functions."""
-    initial, observe = functions[0], functions[2]
-    a = [ca.MX.sym(n, initial.sparsity_in(k)) for k, n in enumerate("xzupt")]
-    x, z, u, p, t = a
-    total = ca.Function("total", a, observe(x, initial(*a), u, p, t))
-    first_u = 1 + 2 * sizes["x"]
-    first = {0: 1, 2: first_u, 3: first_u + sizes["u"], 4: 0}  # argument of total: number of its first variable
+def _depend(entries, sizes, sparsity):
+    """Fill in what each derivative and computed variable depends on."""
+    x, u, p = (sizes[k] for k in "xup")
+    columns = [*range(1, 1 + x), *range(1 + 2 * x, 1 + 2 * x + u + p), 0]  # states, inputs, parameters, time
+    rows = [*range(1 + x, 1 + 2 * x), *range(1 + 2 * x + u + p, 1 + 2 * x + u + p + sizes["y"])]
     found = {}
-    for out, start in ((0, 1 + sizes["x"]), (1, first_u + sizes["u"] + sizes["p"])):
-        for argument, base in first.items():
-            rows, columns = total.jac_sparsity(out, argument).get_triplet()
-            for row, column in zip(rows, columns):
-                found.setdefault(start + row, set()).add(base + column)
-    parameters = range(first[3], first[3] + sizes["p"])
-    flags = len(entries) - sizes["e"]
+    for row, column in zip(*sparsity.get_triplet()):
+        found.setdefault(rows[row], set()).add(columns[column])
+    flags, parameters = len(entries) - sizes["e"], range(1 + 2 * x + u, 1 + 2 * x + u + p)
     for number, entry in enumerate(entries):
         at = number - sizes["e"] if number >= flags else number  # a flag depends on what its margin depends on
-        known = sorted(found.get(at, ()))
-        if entry.causality == "output" and entry.initial == "exact":
-            known = [number]
-        entry.initially = known
-        entry.depends = [k for k in known if k not in parameters]
+        own = entry.causality == "output" and entry.initial == "exact"
+        entry.initially = [number] if own else sorted(found.get(at, ()))
+        entry.depends = [k for k in entry.initially if k not in parameters]
+
+
+def c_name(text):
+    """The nearest name that C and Modelica take."""
+    name = re.sub(r"\W", "_", text, flags=re.ASCII)
+    return name if name[:1].isalpha() else f"m_{name}"
 
 
 def finite(value):

@@ -19,6 +19,9 @@ code{{background:#f4f4f4}}</style></head>
 </body>
 </html>
 """
+_STEPPING = (f"In co-simulation a communication step is cut into equal steps of an implicit method, no longer than "
+             f"<code>{STEP}</code>; inputs are held over a step, or follow the derivative that FMI 2 lets an importer give. "
+             "In model exchange, each <code>still_margin</code> is an event indicator.")
 _LIMITS = (
     "Trains of rigid gears or cables with friction: compliance and backlash are in only where an effect above says so.",
     "What no effect describes is not here. The study's diagnosis says whether anything was left unexplained.",
@@ -47,9 +50,10 @@ def _effects(plant):
 
 def _variable(plant, number, entry):
     v = entry.variable
+    starts = entry.initial == "exact" or entry.causality == "input"
     return {"name": v.name, "value_reference": number, "type": "Boolean" if entry.boolean else "Real", "unit": v.unit,
             "description": v.description, "causality": entry.causality, "variability": entry.variability,
-            "initial": entry.initial, "start": v.value if entry.initial == "exact" or entry.causality == "input" else None,
+            "initial": entry.initial, "start": v.value if starts else None,
             "min": v.min, "max": v.max, "nominal": v.nominal, "from_study": v.name in plant.identified,
             "depends_on": [plant.entries[k].name for k in entry.depends]}
 
@@ -63,13 +67,11 @@ def to_html(plant):
     """
     parts = [f"<h1>{escape(plant.name)}</h1><p>{escape(plant.rig)}: {escape(plant.description)}. "
              f"Made by pycosim {__version__}.</p>", "<h2>Effects beyond the rig</h2>", _list(
-                 [f"<b>{e['effect']}</b> at {escape(e['place'])}: {escape(e['description'])}" for e in _effects(plant)])]
+                 [f"<b>{e['effect']}</b> at {escape(e['place'])}: {escape(e['description'])}"
+                  for e in _effects(plant)])]
     for title, causality in (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter")):
         parts.append(f"<h2>{title}</h2>{_table(plant, causality)}")
-    parts += ["<h2>How it steps</h2>", f"<p>In co-simulation a communication step is cut into equal integration steps "
-              f"(two-point Radau, order 3) no longer than <code>{STEP}</code>; inputs are held over a step, or follow the "
-              "derivative that FMI 2 lets an importer give. In model exchange, each <code>still_margin</code> is an event "
-              "indicator. SI units throughout.</p>", "<h2>What it does not know</h2>", _list(_LIMITS),
+    parts += ["<h2>How it steps</h2>", f"<p>{plant.stepping or _STEPPING} SI units throughout.</p>", "<h2>What it does not know</h2>", _list(_LIMITS),
               "<h2>Modelica</h2>", f"<pre>{escape(plant.model.text)}</pre>"]
     return _PAGE.format(title=escape(plant.name), body="\n".join(parts))
 

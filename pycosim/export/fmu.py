@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import tempfile
 import zipfile
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 from ..errors import ExportError
 from . import xml
 from .build import binaries
-from .description import describe
+from .description import c_name, describe
 from .document import to_html
 from .modelica import to_modelica
 from .source import WRAPPER, sources
@@ -61,8 +60,7 @@ def contents(plant, fmi=2, kinds=("cs", "me"), platforms="host"):
     -------
     dict of str to bytes
     """
-    identifier = re.sub(r"\W", "_", plant.name, flags=re.ASCII)
-    identifier = identifier if re.match(r"[A-Za-z_]", identifier) else f"m_{identifier}"
+    identifier = c_name(plant.name)
     files, token = sources(plant, fmi, kinds)
     found = {"modelDescription.xml": xml.model_description(plant, fmi, kinds, identifier, token),
              "documentation/index.html": to_html(plant).encode(),

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
-
 from ..compile.effects import extend
+from .description import c_name
 
 
 def to_modelica(plant):
@@ -19,8 +18,7 @@ def to_modelica(plant):
     str
         Needs the library DriveTrain beside it, nothing else.
     """
-    name = re.sub(r"\W", "_", plant.name)
-    name = name if name[0].isalpha() else f"m_{name}"
+    name = c_name(plant.name)
     package = name[0].upper() + name[1:]
     effects = extend(plant.rig, plant.model.attached, "WithEffects")
     lines = [f'package {package} "{plant.rig} as the study {plant.name} has it"',

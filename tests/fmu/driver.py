@@ -1,4 +1,4 @@
-"""The functions of FMI 2 and 3 by one set of names, straight through ctypes, so that tests see every status and message."""
+"""The functions of FMI 2 and 3 by one set of names, straight through ctypes: tests see every status and message."""
 
 import ctypes as c
 import sys
@@ -69,7 +69,8 @@ class Instance:
             self._log = _LOG3(lambda e, s, k, m: self.messages.append(m.decode()))
             f = fmu.function("InstantiateModelExchange" if me else "InstantiateCoSimulation")
             between = [] if me else [False, False, None, c.c_size_t(0)]
-            self.handle = f(name, token.encode(), None, False, False, *between, None, self._log, *([] if me else [None]))
+            self.handle = f(name, token.encode(), None, False, False, *between, None, self._log,
+                            *([] if me else [None]))
         if started and self.handle:
             self.set_up()
 

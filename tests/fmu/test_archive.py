@@ -114,7 +114,8 @@ def test_one_interface_alone(study, model, tmp_path):
 
 @pytest.mark.parametrize(("unit", "powers"), [
     ("N.m", {"kg": 1, "m": 2, "s": -2}), ("1/(N.m)", {"kg": -1, "m": -2, "s": 2}), ("kg.m2", {"kg": 1, "m": 2}),
-    ("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}), ("1", {}), ("rad/s2", {"s": -2, "rad": 1}), ("furlong", None)])
+    ("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}), ("1", {}), ("rad/s2", {"s": -2, "rad": 1}),
+    ("furlong", None)])
 def test_units_are_taken_apart(unit, powers):
     assert exponents(unit) == powers
 
@@ -148,7 +149,8 @@ def test_five_platforms_from_one_machine(study, model, tmp_path, fmi):
         assert content.startswith(magic or (b"\xca\xfe\xba\xbe" if fmi == 2 else b"\xcf\xfa\xed\xfe"))
         assert b"/tmp/" not in content and (b"@rpath/" in content) == name.endswith(".dylib")
     linux = next(c for n, c in found.items() if "linux64" in n or "x86_64-linux" in n)
-    assert b"GLIBC_2.14" in linux and b"GLIBC_2.2" in linux and b"GLIBC_2.29" not in linux and b"GLIBC_2.34" not in linux
+    needed = {tuple(map(int, v.split(b"."))) for v in re.findall(rb"GLIBC_([0-9.]+)\0", linux)}
+    assert needed and max(needed) <= (2, 17)
 
 
 def test_the_command_line_writes_it(tmp_path, monkeypatch, capsys):

@@ -34,17 +34,17 @@ def reference(model, study, start, stop, step=1e-3):
 
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
 def test_fmpy_simulates_both_interfaces(fmu, model, study, kind, capfd):
-    """The importer's solver of model exchange is held against steps fine enough not to matter."""
-    time, expected = reference(model, study, {"q": 0.1}, 0.5, 1e-3 if kind == "CoSimulation" else 2e-5)
+    """The importer's solver of model exchange is held against steps fine enough not to matter, below the upright."""
+    time, expected = reference(model, study, {"q": 0.1}, 0.3, 1e-3 if kind == "CoSimulation" else 2e-5)
     names = ["q", "w", "C", "gear.loss", "gear.still"]
-    found = simulate_fmu(str(fmu.path), stop_time=0.5, output_interval=1e-2, fmi_type=kind, output=names,
-                         start_values={"q": 0.1, "tau": 0.7}, relative_tolerance=1e-8, record_events=False)
+    found = simulate_fmu(str(fmu.path), stop_time=0.3, output_interval=1e-2, fmi_type=kind, output=names,
+                         start_values={"q": 0.1, "tau": 0.7}, relative_tolerance=1e-10, record_events=False)
     shown = capfd.readouterr()
     assert shown.out == shown.err == ""
-    assert len(found["time"]) == 51
+    assert len(found["time"]) == 31
     for name in ("q", "w"):
         other = np.interp(found["time"], time, expected[name])
-        # a solver's global error is some hundred times its local tolerance, 1e-8
+        # where friction sets in and lets go, CVode's global error is some thousand times its tolerance
         assert np.abs(found[name] - other).max() < (1e-9 if kind == "CoSimulation" else 1e-6) * np.abs(other).max()
     assert found["gear.still"][0] and not found["gear.still"][-1]
 

@@ -68,7 +68,7 @@ def test_the_communication_step_changes_nothing_on_the_same_grid(fmu):
 
 
 def test_halving_a_short_communication_step_shows_the_order_of_the_method(fmu):
-    """Away from sticking the error of the step is of order three, so halving takes most of it away."""
+    """Away from sticking the error of the step is of order two at least, so halving takes three quarters away."""
     ends = []
     for parts in (1, 2, 16):
         plant = Instance(fmu, started=False)
@@ -78,7 +78,7 @@ def test_halving_a_short_communication_step_shows_the_order_of_the_method(fmu):
             assert plant.step(k * h, h) == OK
         ends.append(np.array(plant.get("q", "w")))
     first, second = (np.abs(e - ends[2]).max() for e in ends[:2])
-    assert second < first / 4 and first < 1e-4
+    assert second < first / 3.5 and first < 5e-3 * np.abs(ends[2]).max()
 
 
 def test_inputs_follow_a_given_derivative(built, model, study):
@@ -126,9 +126,9 @@ def test_reset_and_rerun_are_equal_bit_for_bit(fmu):
 
 
 def point(fmu, me=True):
-    """An instance in the middle of motion."""
+    """An instance that hardly moves, where load and friction state both count."""
     plant = Instance(fmu, me, started=False)
-    plant.set_up(load__w=0.3, q=0.4, gear__z=0.6, tau=0.5, push=0.2)
+    plant.set_up(load__w=5e-4, q=0.4, gear__z=0.6, tau=0.5, push=0.2)
     return plant
 
 
@@ -140,7 +140,7 @@ def test_directional_derivatives_are_those_of_finite_differences(fmu, known, me)
     ends, step = [], 1e-6
     for sign in (1, -1):
         plant = Instance(fmu, me, started=False)
-        start = {"load.w": 0.3, "q": 0.4, "gear.z": 0.6, "tau": 0.5, "push": 0.2}
+        start = {"load.w": 5e-4, "q": 0.4, "gear.z": 0.6, "tau": 0.5, "push": 0.2}
         assert plant.enter() == OK and plant.set(list(start), list(start.values())) == OK
         assert plant.set(known, plant.get(known) + sign * step) == OK
         assert plant.exit() == OK
