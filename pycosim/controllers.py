@@ -272,8 +272,8 @@ def torque_control(model, values, period=PERIOD, gravity=True, friction=1.0):
 def estimator(model, values, period=PERIOD):
     """Joint torques from the motors alone: motion and torque of the motors in, joint torques out.
 
-    Friction states follow the measured angles through reversals and standstill, as `pycosim.simulate.estimate` has them.
-    Accelerations matter where rotors have inertia; left unconnected, they are zero.
+    Friction states follow the measured angles through reversals and standstill, as `pycosim.simulate.estimate` has
+    them. Accelerations matter where rotors have inertia; left unconnected, they are zero.
 
     Parameters
     ----------
@@ -387,5 +387,6 @@ def make(kind, model, values, period=PERIOD, **options):
             raise UnknownNameError(f"the controller '{kind}' has no option '{name}'{closest(name, known)}")
         usual = known[name].default
         if isinstance(value, bool) != isinstance(usual, bool) or isinstance(value, str) != isinstance(usual, str):
-            raise StudyError(f"the controller '{kind}': option '{name}' must be of the kind of {usual!r}, not {value!r}")
+            raise StudyError(f"the controller '{kind}': option '{name}' must be of the kind of {usual!r}, not "
+                             f"{value!r}")
     return CONTROLLERS[kind](model, values, period, **options)

@@ -54,4 +54,4 @@ def write_log(folder, done):
     """
     units = {n: c["unit"] for n, c in done.description["columns"].items()}
     if units:
-        save(over_time(done.log, units), folder, "log")
+        save(over_time(done.log, units), folder / "figures", "log")

@@ -249,8 +249,8 @@ class _Plant(_InProcess):
         for k in range(count):
             x, z, *error = self.step(self.x, self.z, self.u, self.u, self.p, t + k * part, part)
             if not np.isfinite(x).all() or (error and not error[0][0] <= 1):
-                raise CosimulationError(f"no solution for the step from t = {t + k * part:g} s; check that every joint has "
-                                        f"inertia, and take a step below {self.longest:g} s")
+                raise CosimulationError(f"no solution for the step from t = {t + k * part:g} s; check that every joint "
+                                        f"has inertia, and take a step below {self.longest:g} s")
             self.x[:], self.z[:] = x, z
         self.now[:], self.time[0], self.fresh[0] = self.z, t + h, 1
 
@@ -322,8 +322,8 @@ class _Python(_Participant):
             self.object = made(period=float(1 / c.rate), **c.parameters)
             self.inputs, self.known = list(self.object.inputs), list(self.object.outputs)
         except Exception as error:
-            raise CosimulationError(f"'{c.what}' cannot be made: {type(error).__name__}: {error}; it takes the period and "
-                                    "its parameters by name, and has the lists inputs and outputs") from None
+            raise CosimulationError(f"'{c.what}' cannot be made: {type(error).__name__}: {error}; it takes the period "
+                                    "and its parameters by name, and has the lists inputs and outputs") from None
 
     def prepare(self, inputs, outputs):
         self.given, self.wanted = list(inputs), list(outputs)
@@ -339,8 +339,8 @@ class _Python(_Participant):
         try:
             return pickle.dumps(self.object.__dict__)
         except Exception as error:
-            raise CosimulationError(f"'{self.what}' cannot be saved for a checkpoint: {error}; keep what cannot be pickled "
-                                    "out of its attributes") from None
+            raise CosimulationError(f"'{self.what}' cannot be saved for a checkpoint: {error}; keep what cannot be "
+                                    "pickled out of its attributes") from None
 
     def load(self, data):
         self.object.__dict__.clear()
@@ -360,7 +360,8 @@ def _import(what, folder):
     finally:
         sys.path.remove(str(folder))
     if not hasattr(found, name):
-        raise CosimulationError(f"'{module}' has no class '{name}'{closest(name, [n for n in vars(found) if n[0] != '_'])}")
+        known = [n for n in vars(found) if n[0] != "_"]
+        raise CosimulationError(f"'{module}' has no class '{name}'{closest(name, known)}")
     return getattr(found, name)
 
 
@@ -446,10 +447,11 @@ class _Fmu(_Participant):
             return
         slave = self.slave
         if self.two:
-            self._call("a value", slave.fmi2SetReal if setting else slave.fmi2GetReal, slave.component, numbers, n, buffer)
+            move = slave.fmi2SetReal if setting else slave.fmi2GetReal
+            self._call("a value", move, slave.component, numbers, n, buffer)
         else:
-            self._call("a value", slave.fmi3SetFloat64 if setting else slave.fmi3GetFloat64, slave.component, numbers, n,
-                       buffer, n)
+            move = slave.fmi3SetFloat64 if setting else slave.fmi3GetFloat64
+            self._call("a value", move, slave.component, numbers, n, buffer, n)
 
     def read(self):
         self._move(False, self.wanted)
@@ -600,7 +602,8 @@ class _Master:
             _known(c.inputs, self.parts[c.name].inputs, f"input of {c.name}")
             both = next((n for n in c.inputs if (c.name, n) in sources), None)
             if both:
-                raise ScenarioError(f"{scenario.path}: [components.{c.name}]: '{both}' has a value and a connection; keep one")
+                raise ScenarioError(f"{scenario.path}: [components.{c.name}]: '{both}' has a value and a connection; "
+                                    "keep one")
         self.sources = sources
         self._number([*sources.values(), *(column.signal for column in scenario.columns.values())])
 
@@ -608,8 +611,8 @@ class _Master:
         """Pairs for ``a -> b``: what a has and b takes under the same name."""
         found = [(n, n) for n in self.parts[b].inputs if n in self.parts[a].known and n not in self.parts[a].inputs]
         if not found:
-            raise ScenarioError(f"{self.scenario.path}: connections: '{a} -> {b}', but {b} takes nothing that {a} has by the "
-                                f"same name; it takes {', '.join(self.parts[b].inputs) or 'nothing'}")
+            raise ScenarioError(f"{self.scenario.path}: connections: '{a} -> {b}', but {b} takes nothing that {a} has "
+                                f"by the same name; it takes {', '.join(self.parts[b].inputs) or 'nothing'}")
         return found
 
     def _check_signal(self, component, name, known, what):
@@ -766,8 +769,8 @@ class _Master:
         """Go to where a checkpoint was made."""
         found = _opened(data)
         if found["scenario"] != _digest(self.scenario):
-            raise ScenarioError(f"{self.scenario.path}: is not the scenario of the checkpoint, or was changed since; start "
-                                "anew without --resume")
+            raise ScenarioError(f"{self.scenario.path}: is not the scenario of the checkpoint, or was changed since; "
+                                "start anew without --resume")
         self.tick, self.fresh = found["tick"], False
         self.values[:] = np.frombuffer(base64.b64decode(found["values"]))
         self.random.bit_generator.state = found["random"]

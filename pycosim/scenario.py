@@ -197,7 +197,8 @@ def _component(source, name, table):
         raise source.error(where, f"step = {step:g} s is outside 1e-6 to 0.1 s", "step")
     machine = source.take(table, "machine", str, where)
     if machine is None and "machine" in KINDS[kind]:
-        raise source.error(where, 'machine is missing; name the study or the rig it knows: machine = "machine.toml"', name)
+        raise source.error(where, 'machine is missing; name the study or the rig it knows: machine = "machine.toml"',
+                           name)
     return Component(name, kind, what, _rate(source, table, where, name), machine,
                      *(_numbers(source, table, key, where) for key in ("inputs", "parameters", "start")),
                      source.take(table, "options", dict, where, {}), run, fmi, step)
@@ -228,8 +229,8 @@ def _connection(source, text, components):
                            "connections")
     ends = [_signal(source, p, components, where, alone=True) for p in parts]
     if (ends[0][1] is None) != (ends[1][1] is None):
-        raise source.error(where, f"'{text}' names a variable at one end only; name it at both, or at neither to connect "
-                           "all of equal name", "connections")
+        raise source.error(where, f"'{text}' names a variable at one end only; name it at both, or at neither to "
+                           "connect all of equal name", "connections")
     return *ends[0], *ends[1]
 
 
@@ -274,8 +275,8 @@ def _check_rates(source, rates):
     ticks = cycle([r for _, r in rates])
     if ticks > LONGEST_CYCLE:
         text = ", ".join(f"{n} {float(r):g} Hz" for n, r in rates)
-        raise source.error("", f"the rates ({text}) have no common clock below {LONGEST_CYCLE:g} Hz; choose rates that are "
-                           "multiples of one another")
+        raise source.error("", f"the rates ({text}) have no common clock below {LONGEST_CYCLE:g} Hz; choose rates that "
+                           "are multiples of one another")
 
 
 def cycle(rates):

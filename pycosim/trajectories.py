@@ -157,7 +157,8 @@ def _pulse(speed, longest, rate):
     return np.r_[up, np.full(round(min(TRAVEL / speed, longest) * rate), speed), up[::-1]]
 
 
-def six_manoeuvres(model, values, rate, duration=None, speeds=(0.2, 0.4, 0.8, 1.6, 2.4), repeats=2, longest=3.5, seed=2):
+def six_manoeuvres(model, values, rate, duration=None, speeds=(0.2, 0.4, 0.8, 1.6, 2.4), repeats=2, longest=3.5,
+                   seed=2):
     """The six manoeuvres out and back, at several speeds of the faster motor [rad/s], in random order.
 
     Parameters
@@ -368,14 +369,15 @@ def make(kind, model, values, rate, duration=None, **options):
     try:
         return TRAJECTORIES[kind](model, values, rate, **options)
     except (TypeError, ValueError):
-        raise DataError(f"the trajectory '{kind}': one of {', '.join(options)} has a list where it needs a number, or the "
-                        "other way round") from None
+        raise DataError(f"the trajectory '{kind}': one of {', '.join(options)} has a list where it needs a number, or "
+                        "the other way round") from None
 
 
 def _derived(q, t, time):
     """A motion over time with its two derivatives, arrays of shape (joints, n)."""
     v = ca.jacobian(q, t)
-    found = ArrayFunction(ca.Function("motion", [t], [ca.densify(ca.vertcat(q, v, ca.jacobian(v, t)))]))([time], len(time))
+    motion = ca.Function("motion", [t], [ca.densify(ca.vertcat(q, v, ca.jacobian(v, t)))])
+    found = ArrayFunction(motion)([time], len(time))
     return found.reshape(3, q.numel(), -1)
 
 

@@ -2,8 +2,9 @@
 
 Run: python examples/cosim/compensation.py
 Backdriving: a hand moves both joints to and fro while the motors carry the leg; what the hand feels is its torque, less
-what the leg itself asks for its acceleration. Tracking: the gait-like cycle under position control, without load: no controller knows a load from outside. Letting
-go: the leg is pushed off at 0.2 rad/s in both joints, and nobody holds it any more.
+what the leg itself asks for its acceleration. Tracking: the gait-like cycle under position
+control, without load: no controller knows a load from outside. Letting go: the leg is
+pushed off at 0.2 rad/s in both joints, and nobody holds it any more.
 """
 
 from dataclasses import replace
@@ -45,7 +46,8 @@ def frictionless():
 
 def tracked(share, factor):
     """RMS of the tracking error of hip and knee over the gait-like cycle [mrad]."""
-    run = logged(changed("gait", reference={"options": {"load": 0.0}}, controller={"options": {"friction": share}, "parameters": wrong(factor)}), 200)
+    controller = {"options": {"friction": share}, "parameters": wrong(factor)}
+    run = logged(changed("gait", reference={"options": {"load": 0.0}}, controller=controller), 200)
     after = (run["time"] > 2).to_numpy()
     return [float(1e3 * np.sqrt(np.mean((run[q] - run[f"{q}_wanted"])[after] ** 2))) for q in ("q_H", "q_K")]
 

@@ -78,7 +78,8 @@ def compensation(runs, transparent, errors, felt):
     left.set_xlabel("time [s]")
     left.set_ylabel("friction felt at the knee [N$\\,$m]")
     left.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    for axes, values, text in ((middle, felt, "friction felt, RMS [N$\\,$m]"), (right, errors, "tracking error, RMS [mrad]")):
+    panels = (middle, felt, "friction felt, RMS [N$\\,$m]"), (right, errors, "tracking error, RMS [mrad]")
+    for axes, values, text in panels:
         names, most = list(values), max(map(max, values.values()))
         for k, (joint, hatch, color) in enumerate((("hip", "", BLUE), ("knee", "////", RED))):
             at, size = np.arange(len(names)) - 0.2 + 0.4 * k, [values[n][k] for n in names]

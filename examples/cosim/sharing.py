@@ -1,8 +1,8 @@
 """How do the two motors share the torque over a gait-like cycle, and how far is it from the limits?
 
 Run: python examples/cosim/sharing.py
-Torque limits are the paper's: 453 N.m peak and 192 N.m nominal at one joint with both motors. It names no largest speed:
-2000 rpm (209 rad/s) at a motor is assumed here, nothing more.
+Torque limits are the paper's: 453 N.m peak and 192 N.m nominal at one joint with both motors. It names no largest
+speed: 2000 rpm (209 rad/s) at a motor is assumed here, nothing more.
 """
 
 import numpy as np

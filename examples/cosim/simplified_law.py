@@ -118,8 +118,8 @@ def tell(answers, truth, own, full, simple):
     for model, name, wanted in ((full, "estimate", ["C_H", "C_K"]), (simple, "estimate", ["C_H", "C_K"]),
                                 (full, "compensate", ["motor1.tau", "motor2.tau"])):
         least, count = cost(model, name, wanted)
-        print(f"  {model.rig.rpartition('.')[2]}, {name}: {count} operations, {least / reference:.2f} of the time of the "
-              "full estimate")
+        print(f"  {model.rig.rpartition('.')[2]}, {name}: {count} operations, {least / reference:.2f} of the time of "
+              "the full estimate")
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ from ..variables import Variable
 from .description import Entry, Plant, _depend, _derivatives
 from .fmu import _write, contents
 
-_STEPPING = ("A controller answers at once to its inputs, and its states change once a <code>period</code>, inputs held: "
-             "make communication steps of that length.")
+_STEPPING = ("A controller answers at once to its inputs, and its states change once a <code>period</code>, inputs "
+             "held: make communication steps of that length.")
 
 
 def describe_block(block: Block, name=None):

@@ -36,7 +36,8 @@ def test_the_verb_leaves_log_results_and_figure_and_says_so(here, capsys):
     assert main(["cosim", "joint.toml"]) == 0
     out, err = capsys.readouterr()
     folder = here / "joint_cosim"
-    assert {"run.csv", "cosim.json"} <= {p.name for p in folder.iterdir()} and list(folder.rglob("log.p*"))
+    assert {"run.csv", "cosim.json"} <= {p.name for p in folder.iterdir()}
+    assert {p.name for p in (folder / "figures").iterdir()} == {"log.pdf", "log.png"}
     assert not (folder / "checkpoint.zip").exists() and err == ""
     assert "plant: machine, in process" in out and "joint_cosim" in out
     assert main(["cosim", "joint.toml", "--json", "--out", "again"]) == 0
@@ -122,8 +123,8 @@ def test_the_six_manoeuvres_read_back_as_a_log(models, tmp_path):
 
 def test_a_motion_from_a_file_is_followed(here, models):
     t = np.linspace(0, 1.2, 40)
-    pd.DataFrame({"time": t, "q": 0.5 + 0.05 * np.sin(4 * t) ** 2, "push": 2 * t, "manoeuvre": np.where(t < 0.6, "a", "b")
-                  }).to_csv(here / "motion.csv", index=False)
+    pd.DataFrame({"time": t, "q": 0.5 + 0.05 * np.sin(4 * t) ** 2, "push": 2 * t,
+                  "manoeuvre": np.where(t < 0.6, "a", "b")}).to_csv(here / "motion.csv", index=False)
     text = JOINT.replace('trajectory = "backdrive"', 'motion = "motion.csv"').replace(
         "options = { cycle = 1.2, amplitude = 0.1 }\n", "").replace(
         'wanted = "reference.ref.q"', 'wanted = "reference.ref.q"\nlabel = "reference.label"').replace(

@@ -38,8 +38,8 @@ def test_the_other_controllers_equal_their_fmus(scenario, library, kind):
     fmi = 2 if kind == "torque" else 3
     change = (('"reference -> controller", ', "") if kind == "torque" else
               ("controller.motor.tau -> plant.tau", "controller.push -> plant.push"))
-    made = scenario(('controller = "position"', f'controller = "{kind}"'), (f"{GAIN}\n", FALL if kind == "torque" else ""),
-                    change)
+    made = scenario(('controller = "position"', f'controller = "{kind}"'),
+                    (f"{GAIN}\n", FALL if kind == "torque" else ""), change)
     parts = [c for c in made.components if c.name != "estimator"]
     made = replace(made, components=parts, connections=[c for c in made.connections if "estimator" not in c],
                    columns={n: c for n, c in made.columns.items() if c.signal[0] != "estimator"})
@@ -61,8 +61,9 @@ def test_the_estimator_is_the_estimate_of_the_model_sample_by_sample(scenario, l
                     ('q = "plant.q"', 'q = "plant.q"\nacceleration = "plant.motor.a"'))
     log = cosimulate(made, library=library).log
     model = compile_model(library, "DriveTrain.Rigs.GearedJoint")
-    offline = estimate(model, {"motor.phi": log["theta"].to_numpy(), "der(motor.phi)": log["omega"].to_numpy(),
-                               "der(der(motor.phi))": log["acceleration"].to_numpy(), "motor.tau": log["tau"].to_numpy()}, log["time"].to_numpy())["C"]
+    columns = {"motor.phi": "theta", "der(motor.phi)": "omega", "der(der(motor.phi))": "acceleration",
+               "motor.tau": "tau"}
+    offline = estimate(model, {n: log[c].to_numpy() for n, c in columns.items()}, log["time"].to_numpy())["C"]
     assert np.ptp(log["omega"]) > 10 and np.abs(offline - log["estimate"]).max() < 1e-6 * np.abs(offline).max()
 
 
