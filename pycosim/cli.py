@@ -39,13 +39,16 @@ VERBS = {
     "export": ("the identified machine as an FMU, C, Modelica, SSP, MJCF or JSON, for other tools", "export.json",
                "pycosim export study.toml --to fmu --fmi 3 --platforms all",
                "The study's values and effects are taken as they are; no log is read."),
+    "cosim": ("plant, controllers and estimator stepped together, each at its own rate", "cosim.json",
+              "pycosim cosim examples/cosim/six_manoeuvres.toml",
+              "Writes run.csv, a log as the other verbs read it. Ctrl-C leaves the log up to there, and a checkpoint."),
 }
 WRITES = {
     "compare": ("comparison.json",), "identify": ("parameters.json",), "diagnose": ("diagnosis.json",),
     "add": ("study.toml", "parameters.json", "comparison.json"),
     "improve": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
                 "study.toml", "model.mo"),
-    "export": ("export.json",),
+    "export": ("export.json",), "cosim": ("cosim.json", "run.csv", "checkpoint.zip"),
 }
 # option of export: what it may be, what it is when not given, what it means
 EXPORT = {
@@ -59,6 +62,10 @@ EXPORT = {
 
 class UsageError(PycosimError):
     """The command line itself is wrong."""
+
+
+class Stopped(KeyboardInterrupt):
+    """A verb that was interrupted, but left what it had."""
 
 
 # --- arguments ------------------------------------------------------------------------------------------------------
@@ -97,6 +104,10 @@ def build_parser():
         if verb == "new":
             sub.add_argument("rig", metavar="RIG",
                              help="Modelica class, as DriveTrain.Rigs.HipKnee or HipKnee").completer = _rigs
+        elif verb == "cosim":
+            sub.add_argument("scenario", metavar="SCENARIO", help="scenario file (TOML)")
+            sub.add_argument("--until", type=float, metavar="T", help="stop at this time [s], with a checkpoint")
+            sub.add_argument("--resume", metavar="FILE", help="go on from this checkpoint")
         elif verb != "demo":
             sub.add_argument("study", metavar="STUDY", help="study file (TOML)")
         if verb == "add":
@@ -104,8 +115,8 @@ def build_parser():
         for option, (choices, usual, meaning) in (EXPORT if verb == "export" else {}).items():
             sub.add_argument(option, choices=choices, default=usual, help=f"{meaning} (default: {usual})")
         sub.add_argument("--data", nargs="+", metavar="FILE",
-                         help=argparse.SUPPRESS if verb in ("demo", "export") else "logs, instead of the study's own")
-        default = "demo" if verb == "demo" else f"<study>_{verb}"
+                         help=argparse.SUPPRESS if verb in ("demo", "export", "cosim") else "logs, instead of the study's own")
+        default = "demo" if verb == "demo" else f"<{'scenario' if verb == 'cosim' else 'study'}>_{verb}"
         folder = ("folder of the study (default: the current one)" if verb == "new"
                   else f"folder of the results (default: ./{default})")
         sub.add_argument("--out", metavar="DIR", help=folder)
@@ -153,6 +164,7 @@ def parse(argv):
         what = "option" if unknown[0].startswith("-") else "argument"
         known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
         known += EXPORT if known and arguments.verb == "export" else []
+        known += ["--until", "--resume"] if known and arguments.verb == "cosim" else []
         raise UsageError(f"unknown {what} '{unknown[0]}'{closest(unknown[0], known)}; "
                          f"see 'pycosim {arguments.verb or ''} --help'".replace("  ", " "))
     if arguments.verb is None and argv:
@@ -638,6 +650,53 @@ def _demo(arguments, progress):
     return out
 
 
+# --- co-simulation --------------------------------------------------------------------------------------------------
+
+
+def _cosim(arguments, progress):
+    """Run a scenario; returns the folder's text for stdout.
+
+    Raises
+    ------
+    Stopped
+        At Ctrl-C, after the log up to there and a checkpoint are written.
+    """
+    from . import cosim_figures, results
+    from .cosimulate import cosimulate
+    from .scenario import load_scenario
+    start = time.monotonic()
+    scenario = load_scenario(arguments.scenario)
+    if arguments.data:
+        raise UsageError("cosim reads no log; the motion that it follows stands in the scenario")
+    out = Path(arguments.out or f"{scenario.name}_cosim")
+    resume = _checkpoint(arguments.resume) if arguments.resume else None
+    with results.Folder(out, "cosim", scenario.path, WRITES["cosim"]) as folder:
+        done = cosimulate(scenario, arguments.until, resume, progress)
+        folder.write("run.csv", done.text)
+        folder.write("cosim.json", done.description)
+        if done.checkpoint:
+            folder.file("checkpoint.zip").write_bytes(done.checkpoint)
+        progress("drawing")
+        cosim_figures.write_log(folder.temporary, done)
+    again = f"pycosim cosim {arguments.scenario} --resume {out / 'checkpoint.zip'}"
+    if not done.complete and (arguments.until is None or done.time < arguments.until):
+        raise Stopped(f"interrupted at t = {done.time:g} s; the log up to there is in {out}, to go on: {again}")
+    if arguments.json:
+        return results.to_json(done.description)
+    lines = results.summary_cosimulation(done.description)
+    if not done.complete:
+        lines.append(f"To go on: {again}")
+    took = time.monotonic() - start
+    return "\n".join([*lines, f"Took {took:.1f} s.", f"Results in {out}: {', '.join(folder.files)}", ""])
+
+
+def _checkpoint(path):
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise UnknownNameError(f"no checkpoint {path} ({error.strerror})") from None
+
+
 # --- main -----------------------------------------------------------------------------------------------------------
 
 
@@ -664,6 +723,8 @@ def run_verb(arguments, progress):
     if arguments.verb == "demo":
         out = _demo(arguments, progress)
         return (out / VERBS["demo"][1]).read_text(encoding="utf-8") if arguments.json else ""
+    if arguments.verb == "cosim":
+        return _cosim(arguments, progress)
     run = Run(arguments, progress)
     if arguments.verb == "add":
         run.effect = checked_effect(run, arguments.effect)
@@ -712,8 +773,8 @@ def main(argv=None):
         return int(stop.code or 0)
     except PycosimError as error:
         return _say(str(error), 2)
-    except KeyboardInterrupt:
-        return _say("interrupted; earlier results are as they were", 130)
+    except KeyboardInterrupt as stop:
+        return _say(str(stop) or "interrupted; earlier results are as they were", 130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0

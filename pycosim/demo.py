@@ -19,6 +19,7 @@ from .dataset import Dataset
 from .improve import improve
 from .simulate import compensate
 from .study import load_study, write_study
+from .trajectories import manoeuvre_motion
 
 RIG = "DriveTrain.Rigs.HipKnee"
 HIDDEN = ("stribeck", "2A", {"fs": 0.045, "ws": 0.85})  # N.m, rad/s
@@ -29,12 +30,7 @@ MACHINE = {  # Nobili et al., identified friction of the hip-knee actuation; f0 
 # With the model's default travel, presliding would be a second hidden effect; and it would be found.
 RIGID = {f"s{p}.travel": 1e-5 for p in ("1A", "2A", "1B", "2B")}  # slides at once [rad]
 SPEEDS = 0.2, 0.4, 0.8, 1.6, 2.4  # of the faster motor [rad/s]
-LINES = {"A": (1.0, -1.0), "C": (1.0, 0.5), "E": (0.5, 1.0)}  # directions in (theta1, theta2); back: B, D, F
-BACK = {"A": "B", "C": "D", "E": "F"}
-START = 0.76, 26.5  # motor angles where all lines begin [rad]
-TRAVEL, LONGEST = 12.8, 3.5  # of the faster motor along a line [rad], and of a pass [s]
-RATE, DWELL, ACCELERATION = 100.0, 0.4, 8.0  # Hz, s, rad/s2
-REPEATS = 2
+RATE, REPEATS, LONGEST = 100.0, 2, 3.5  # Hz; of every pass; of a pass [s]
 QUANTUM = 2 * np.pi / 2 ** 14  # encoder step [rad]
 WHITE, SLOW, SLOW_TIME = 6e-3, 2.4e-3, 1.0  # noise of a motor torque [N.m], [N.m], [s]
 FILES = ("run.csv", "study.toml", "hidden.json", "comparison.json", "diagnosis.json", "diagnosis_final.json",
@@ -119,50 +115,11 @@ def _say(*lines):
 # --- the log --------------------------------------------------------------------------------------------------------
 
 
-def motion(rng, speeds=SPEEDS, repeats=REPEATS, longest=LONGEST):
-    """Motor angles and speeds of the six manoeuvres, blocks of them in random order.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    speeds : sequence of float
-        Of the faster motor [rad/s].
-    repeats : int
-    longest : float
-        Slow passes turn back after this time [s].
-
-    Returns
-    -------
-    time : ndarray, shape (n,)
-        [s]
-    angle, speed : ndarray, shape (2, n)
-        [rad], [rad/s]
-    label : ndarray of str, shape (n,)
-        ``A`` to ``F``, or ``rest``.
-    """
-    rest = np.zeros((2, round(DWELL * RATE)))
-    speed, label = [rest], ["rest"] * rest.shape[1]
-    for k in rng.permutation(np.repeat(np.arange(len(speeds)), repeats)):
-        for line, direction in LINES.items():
-            pulse = _pulse(speeds[k], longest)
-            for name, sign in ((line, 1.0), (BACK[line], -1.0)):
-                speed += [sign * np.outer(direction, pulse), rest]
-                label += [name] * len(pulse) + ["rest"] * rest.shape[1]
-    speed = np.hstack(speed)
-    step = (speed[:, 1:] + speed[:, :-1]) / 2 / RATE
-    angle = np.array(START)[:, None] + np.hstack([np.zeros((2, 1)), np.cumsum(step, axis=1)])
-    return np.arange(speed.shape[1]) / RATE, angle, speed, np.array(label)
-
-
-def _pulse(speed, longest):
-    """Speed over a pass: up in a raised cosine, constant, down."""
-    ramp = max(np.pi / 2 * speed / ACCELERATION, 0.1)
-    up = speed * (1 - np.cos(np.pi * np.arange(round(ramp * RATE)) / round(ramp * RATE))) / 2
-    return np.r_[up, np.full(round(min(TRAVEL / speed, longest) * RATE), speed), up[::-1]]
-
-
-def record(model, parameters, rng, **options):
+def record(model, parameters, rng, speeds=SPEEDS, repeats=REPEATS, longest=LONGEST):
     """What the drives of a machine would log.
+
+    Motor torques come from `compensate`, not from a simulated controller: `pycosim cosim` does that, but needs a compiler
+    for as long as the whole demo takes.
 
     Parameters
     ----------
@@ -171,15 +128,15 @@ def record(model, parameters, rng, **options):
     parameters : dict of str to float
     rng : numpy.random.Generator
         Order of the passes, and noise.
-    **options
-        Of `motion`.
+    speeds, repeats, longest
+        Of the motion, see `pycosim.trajectories.manoeuvre_motion`.
 
     Returns
     -------
     pandas.DataFrame
         Columns of the hip-knee log.
     """
-    time, angle, speed, label = motion(rng, **options)
+    time, angle, speed, label = manoeuvre_motion(rng, RATE, speeds, repeats, longest)
     acceleration = np.gradient(speed, time, axis=1)
     known = {f"{d}motor{k + 1}.phi{e}": v[k] for k in (0, 1)
              for d, e, v in (("", "", angle), ("der(", ")", speed), ("der(der(", "))", acceleration))}
@@ -210,7 +167,7 @@ def _noise(rng, n):
 
 
 def _make(library, folder, seed=2, **options):
-    """Log, study, and what is hidden; options of `motion`."""
+    """Log, study, and what is hidden; options of `record`."""
     effect, place, coefficients = HIDDEN
     machine = compile_model(library, RIG, [(effect, place)])
     name = component_name(*machine.attached[0])

@@ -31,6 +31,14 @@ class NoAnswerError(PycosimError):
     """The model has no finite answer for these parameters and data."""
 
 
+class ScenarioError(PycosimError):
+    """A co-simulation's scenario is missing, broken or contradicts itself, or does not fit its checkpoint."""
+
+
+class CosimulationError(PycosimError):
+    """A component of a co-simulation cannot be loaded, or fails on the way."""
+
+
 class ExportError(PycosimError):
     """A machine cannot be exported as asked, or its binary cannot be built."""
 

@@ -273,6 +273,34 @@ def summary_doubt(dataset, fit):
             "zeros and the order of the columns before believing what follows."]
 
 
+def _aligned(rows):
+    """Rows of text in columns."""
+    widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]) - 1)]
+    return ["  ".join(c.ljust(w) for c, w in zip(r, (*widths, 0))).rstrip() for r in rows]
+
+
+def summary_cosimulation(result):
+    """What was stepped together, and where the signals went.
+
+    Parameters
+    ----------
+    result : dict
+        ``cosim.json``.
+
+    Returns
+    -------
+    list of str
+    """
+    lines = [f"{result['scenario']}: {number(result['time'])} of {number(result['duration'])} s, {result['rows']} rows of "
+             f"{len(result['columns'])} signals at {number(result['log_rate'])} Hz, {result['method']} in the order"]
+    lines += [f"  {c['name']}: {c['is']}, {c['what']}, {number(c['rate'])} Hz" for c in result["components"]]
+    if result["unconnected"]:
+        lines.append(f"Connected to nothing, so at their start values: {', '.join(result['unconnected'])}.")
+    rows = [("column", "least", "largest", "rms"), *((n, *(number(r[k]) for k in ("min", "max", "rms")))
+                                                    for n, r in result["columns"].items())]
+    return lines + _aligned(rows)
+
+
 def summary_parameters(result):
     """Parameters with intervals, and what the data cannot tell.
 
@@ -289,8 +317,7 @@ def summary_parameters(result):
     for name, p in result["parameters"].items():
         rows.append((name, _finite(p["value"]), f"{_finite(p['ci95'][0])} to {_finite(p['ci95'][1])}",
                      "" if p["unit"] == "1" else p["unit"], _note(p)))
-    widths = [max(len(r[k]) for r in rows) for k in range(4)]
-    lines = ["  ".join(c.ljust(w) for c, w in zip(r, (*widths, 0))).rstrip() for r in rows]
+    lines = _aligned(rows)
     directions = list(dict.fromkeys(d["text"] for d in result["null_directions"]))
     lines += [f"Not determined: {t}." for t in directions]
     lines += [f"Weak: {d['text']}." for d in result["weak_directions"]]

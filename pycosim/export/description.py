@@ -76,6 +76,8 @@ class Plant:
         ``x``, ``z``, ``u``, ``p``, ``y``, ``e``.
     terminals : list of (str, dict of str to str)
         Motors and joints: name, and member to variable.
+    stepping : str
+        How it steps, in HTML, where not as a machine does.
     """
 
     name: str
@@ -88,6 +90,7 @@ class Plant:
     functions: list
     sizes: dict
     terminals: list
+    stepping: str = ""
 
 
 def describe(study, model):

@@ -19,6 +19,9 @@ code{{background:#f4f4f4}}</style></head>
 </body>
 </html>
 """
+_STEPPING = (f"In co-simulation a communication step is cut into equal steps of an implicit method, no longer than "
+             f"<code>{STEP}</code>; inputs are held over a step, or follow the derivative that FMI 2 lets an importer "
+             "give. In model exchange, each <code>still_margin</code> is an event indicator.")
 _LIMITS = (
     "Trains of rigid gears or cables with friction: compliance and backlash are in only where an effect above says so.",
     "What no effect describes is not here. The study's diagnosis says whether anything was left unexplained.",
@@ -78,10 +81,8 @@ def to_html(plant):
                   for e in _effects(plant)])]
     for title, causality in (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter")):
         parts.append(f"<h2>{title}</h2>{_table(plant, causality)}")
-    parts += ["<h2>How it steps</h2>", f"<p>In co-simulation a communication step is cut into equal steps of an "
-              f"implicit method, no longer than <code>{STEP}</code>; inputs are held over a step, or follow the "
-              "derivative that FMI 2 lets an importer give. In model exchange, each <code>still_margin</code> is an "
-              "event indicator. SI units throughout.</p>", "<h2>What it does not know</h2>", _list(_LIMITS),
+    parts += ["<h2>How it steps</h2>", f"<p>{plant.stepping or _STEPPING} SI units throughout.</p>",
+              "<h2>What it does not know</h2>", _list(_LIMITS),
               "<h2>Modelica</h2>", f"<pre>{escape(plant.model.text)}</pre>"]
     return _PAGE.format(title=escape(plant.name), body="\n".join(parts))
 

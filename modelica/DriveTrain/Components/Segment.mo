@@ -13,6 +13,7 @@ model Segment "Transmission segment with load-dependent friction, direct and rev
   Real z(unit="1", min=-1, max=1, start=0) "Friction state: elastic displacement over travel";
   Real s(unit="1") "Friction state with its damping and effects";
   Real L(unit="N.m") "Mean load";
+  Real load(unit="N.m") = L "Load that friction grows with: the mean of both ends, unless a rig says otherwise";
   Real F(unit="N.m") "Friction torque, not negative";
   Real loss(unit="W") "Power lost (and stored in the elastic displacement)";
 protected
@@ -33,7 +34,7 @@ equation
   s = held + friction.ds;
   f = max(0, f0 + friction.df0);
   m = mu + friction.dmu;
-  F = 2 * m * f / (1 + m) + 2 * (1 - m) / (1 + m) * abs(L) + friction.dF "Nobili et al., Eq. (friction_model)";
+  F = 2 * m * f / (1 + m) + 2 * (1 - m) / (1 + m) * abs(load) + friction.dF "Nobili et al., Eq. (friction_model)";
   flange_a.tau = L + (s * F + friction.dT) / 2;
   flange_b.tau = -(L - (s * F + friction.dT) / 2);
   flange_a.tau + flange_b.tau + support.tau = 0;

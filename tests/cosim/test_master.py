@@ -1,0 +1,140 @@
+"""Claims about the master: rates, order of exchange, determinism, stopping and going on."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from pycosim.cosimulate import cosimulate
+from pycosim.errors import ScenarioError
+
+ECHO = """\
+class Echo:
+    inputs, outputs = ["u"], ["y", "calls"]
+
+    def __init__(self, period, gain=1.0):
+        self.gain, self.calls = gain, 0
+
+    def step(self, time, inputs):
+        self.calls += 1
+        return {"y": self.gain * inputs["u"], "calls": self.calls}
+
+
+class Clock:
+    inputs, outputs = [], ["t"]
+
+    def __init__(self, period):
+        pass
+
+    def step(self, time, inputs):
+        return {"t": time}
+"""
+CHAIN = """\
+duration = 0.1
+connections = ["clock.t -> first.u", "first.y -> second.u"]
+method = "gauss-seidel"
+[components.clock]
+python = "parts:Clock"
+rate = 100
+[components.first]
+python = "parts:Echo"
+rate = 50
+[components.second]
+python = "parts:Echo"
+rate = 100
+parameters = { gain = 2.0 }
+[log]
+rate = 100
+columns = { t = "clock.t", first = "first.y", second = "second.y", calls = "first.calls" }
+"""
+
+
+@pytest.fixture
+def chain(scenario, tmp_path):
+    (tmp_path / "parts.py").write_text(ECHO)
+    return lambda *changes: cosimulate(scenario(*changes, text=CHAIN)).log
+
+
+def test_a_component_holds_its_answer_between_its_own_instants(chain):
+    log = chain()
+    assert np.allclose(log["t"], np.arange(11) / 100)
+    assert np.allclose(log["first"], np.arange(11) // 2 * 2 / 100)
+    assert log["calls"].tolist() == [k // 2 + 1 for k in range(11)]
+
+
+def test_gauss_seidel_hands_on_at_once_and_jacobi_one_instant_later(chain):
+    log = chain()
+    assert np.allclose(log["second"], 2 * log["first"])
+    late = chain(('"gauss-seidel"', '"jacobi"'))
+    assert np.allclose(late["first"][2::2], late["t"][1:-1:2])
+    assert np.allclose(late["second"][1:], 2 * late["first"][:-1])
+
+
+def test_with_jacobi_the_order_of_the_file_does_not_matter(scenario, library):
+    text = scenario().text.replace("seed = 3", 'seed = 3\nmethod = "jacobi"')
+    head, *parts = text.split("[components.")
+    last, log = parts[-1].split("[log]")
+    turned = "[components.".join([head, *[last, *reversed(parts[:-1])]]) + "[log]" + log
+    a, b = (cosimulate(scenario(text=t), library=library) for t in (text, turned))
+    assert a.text == b.text and len(a.log) == 121
+
+
+def test_gauss_seidel_depends_on_the_order(scenario, library):
+    a = cosimulate(scenario(("duration = 1.2", "duration = 0.2")), library=library)
+    b = cosimulate(scenario(("duration = 1.2", 'duration = 0.2\nmethod = "jacobi"')), library=library)
+    assert not np.allclose(a.log["tau"], b.log["tau"], rtol=0, atol=1e-6)
+
+
+def test_a_run_repeats_bit_for_bit_and_follows_its_motion(scenario, library):
+    first, second = (cosimulate(scenario(), library=library) for _ in range(2))
+    assert first.text == second.text and first.complete and first.checkpoint is None
+    assert np.abs(first.log["q"] - first.log["wanted"]).max() < 0.05
+    assert np.ptp(first.log["q"]) > 0.1
+
+
+def test_columns_have_the_resolution_and_the_noise_they_ask_for(scenario, library):
+    noisy = cosimulate(scenario(), library=library).log
+    exact = cosimulate(scenario((", noise = 1e-3", ""), (", quantum = 1e-4", "")), library=library).log
+    assert 0.5e-3 < np.std(noisy["tau"] - exact["tau"]) < 2e-3
+    steps = noisy["theta"] / 1e-4
+    assert np.allclose(steps, np.round(steps), atol=1e-6) and np.abs(noisy["theta"] - exact["theta"]).max() <= 0.51e-4
+
+
+@pytest.mark.parametrize("stop_at", [0.0, 0.004, 0.5, 1.198])
+def test_resuming_gives_the_same_log_bit_for_bit(scenario, library, stop_at):
+    whole = cosimulate(scenario(), library=library)
+    part = cosimulate(scenario(), until=stop_at, library=library)
+    assert not part.complete and part.time == pytest.approx(stop_at) and whole.text.startswith(part.text)
+    rest = cosimulate(scenario(), resume=part.checkpoint, library=library)
+    assert rest.complete and rest.text == whole.text
+
+
+def test_python_controllers_go_on_where_they_were(scenario, tmp_path):
+    (tmp_path / "parts.py").write_text(ECHO)
+    made = scenario(text=CHAIN)
+    part = cosimulate(made, until=0.05)
+    assert cosimulate(made, resume=part.checkpoint).text == cosimulate(made).text
+
+
+def test_a_checkpoint_of_another_scenario_or_a_damaged_one_is_refused(scenario, library):
+    data = cosimulate(scenario(), until=0.1, library=library).checkpoint
+    with pytest.raises(ScenarioError, match="not the scenario of the checkpoint"):
+        cosimulate(scenario(("seed = 3", "seed = 4")), resume=data, library=library)
+    for broken in (data[:-20], b"nothing", data[:300] + bytes([data[300] ^ 255]) + data[301:]):
+        with pytest.raises(ScenarioError, match="damaged"):
+            cosimulate(scenario(), resume=broken, library=library)
+
+
+def test_ctrl_c_leaves_a_log_up_to_there_and_a_way_to_go_on(scenario, library):
+    def press():
+        press.calls += 1
+        if press.calls == 100:
+            os.kill(os.getpid(), signal.SIGINT)
+        return False
+    press.calls, usual = 0, signal.getsignal(signal.SIGINT)
+    part = cosimulate(scenario(), stop=press, library=library)
+    assert signal.getsignal(signal.SIGINT) is usual
+    whole = cosimulate(scenario(), library=library)
+    assert 0 < part.time < 1.2 and whole.text.startswith(part.text) and len(part.log) > 3
+    assert cosimulate(scenario(), resume=part.checkpoint, library=library).text == whole.text
