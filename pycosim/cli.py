@@ -114,8 +114,9 @@ def build_parser():
             sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
         for option, (choices, usual, meaning) in (EXPORT if verb == "export" else {}).items():
             sub.add_argument(option, choices=choices, default=usual, help=f"{meaning} (default: {usual})")
+        reads = verb not in ("demo", "export", "cosim")
         sub.add_argument("--data", nargs="+", metavar="FILE",
-                         help=argparse.SUPPRESS if verb in ("demo", "export", "cosim") else "logs, instead of the study's own")
+                         help="logs, instead of the study's own" if reads else argparse.SUPPRESS)
         default = "demo" if verb == "demo" else f"<{'scenario' if verb == 'cosim' else 'study'}>_{verb}"
         folder = ("folder of the study (default: the current one)" if verb == "new"
                   else f"folder of the results (default: ./{default})")

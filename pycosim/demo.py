@@ -118,8 +118,8 @@ def _say(*lines):
 def record(model, parameters, rng, speeds=SPEEDS, repeats=REPEATS, longest=LONGEST):
     """What the drives of a machine would log.
 
-    Motor torques come from `compensate`, not from a simulated controller: `pycosim cosim` does that, but needs a compiler
-    for as long as the whole demo takes.
+    Motor torques come from `compensate`, not from a simulated controller: `pycosim cosim` does that, and takes about a
+    third as long again as the whole demo.
 
     Parameters
     ----------

@@ -124,7 +124,16 @@ class Scenario:
         return self.path.stem
 
     def beside(self, name):
-        """A path given in the scenario, relative to its file."""
+        """A path given in the scenario, relative to its file.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        Path
+        """
         return self.path.parent / name
 
 
@@ -281,6 +290,11 @@ def _check_rates(source, rates):
 
 def cycle(rates):
     """Ticks a second of the slowest clock that has a tick for every sample of all rates.
+
+    Parameters
+    ----------
+    rates : iterable of Fraction
+        [1/s]
 
     Returns
     -------

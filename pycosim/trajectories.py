@@ -347,6 +347,24 @@ TRAJECTORIES = {"six_manoeuvres": six_manoeuvres, "gait": gait, "hold": hold, "b
 def make(kind, model, values, rate, duration=None, **options):
     """A motion by its name.
 
+    Parameters
+    ----------
+    kind : str
+        A key of ``TRAJECTORIES``.
+    model : Model
+    values : dict of str to float
+        Parameters of the model.
+    rate : float
+        Samples a second [1/s].
+    duration : float, optional
+        [s]; the motion's own by default.
+    **options
+        Of the motion's own function.
+
+    Returns
+    -------
+    Trajectory
+
     Raises
     ------
     UnknownNameError

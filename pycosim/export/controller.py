@@ -9,7 +9,7 @@ import casadi as ca
 from ..controllers import Block
 from ..variables import Variable
 from .description import Entry, Plant, _depend, _derivatives
-from .fmu import _write, contents
+from .fmu import contents, write_fmu
 
 _STEPPING = ("A controller answers at once to its inputs, and its states change once a <code>period</code>, inputs "
              "held: make communication steps of that length.")
@@ -84,5 +84,5 @@ def export_block(block, folder, fmi=2, platforms="host", name=None):
     """
     plant = describe_block(block, name)
     path = Path(folder) / f"{plant.name}_fmi{fmi}.fmu"
-    _write(path, contents(plant, fmi, ("cs",), platforms))
+    write_fmu(path, contents(plant, fmi, ("cs",), platforms))
     return path

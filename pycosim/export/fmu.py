@@ -49,8 +49,25 @@ def export_fmu(study, model, folder, fmi=2, kinds=("cs", "me"), platforms="host"
     """
     plant = describe(study, model)
     path = Path(folder) / f"{study.name}_fmi{fmi}.fmu"
-    write_archive(path, contents(plant, fmi, kinds, platforms), "modelDescription.xml", _validate)
+    write_fmu(path, contents(plant, fmi, kinds, platforms))
     return path
+
+
+def write_fmu(path, files):
+    """Write an FMU whose description is valid, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    files : dict of str to bytes
+        Of `contents`.
+
+    Raises
+    ------
+    ExportError
+        The description is not valid, or the file cannot be written.
+    """
+    write_archive(path, files, "modelDescription.xml", _validate)
 
 
 def contents(plant, fmi=2, kinds=("cs", "me"), platforms="host"):
