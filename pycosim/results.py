@@ -292,7 +292,8 @@ def summary_cosimulation(result):
     list of str
     """
     lines = [f"{result['scenario']}: {number(result['time'])} of {number(result['duration'])} s, "
-             f"{result['rows']} rows of {len(result['columns'])} signals at {number(result['log_rate'])} Hz, {result['method']} in the order"]
+             f"{result['rows']} rows of {len(result['columns'])} signals at {number(result['log_rate'])} Hz, "
+             f"{result['method']} in the order"]
     lines += [f"  {c['name']}: {c['is']}, {c['what']}, {number(c['rate'])} Hz" for c in result["components"]]
     if result["unconnected"]:
         lines.append(f"Connected to nothing, so at their start values: {', '.join(result['unconnected'])}.")
