@@ -285,12 +285,11 @@ class _Friction:
 
     def __init__(self, machine, component):
         self.m, self.component = machine, component
-        d, loads = machine.d, ca.vertcat(*[machine.all[f"{c}.L"] for c in machine.model.segments])
+        d, load = machine.d, machine.all[f"{component}.L"]
         self.free = ca.vertcat(machine.z, machine.u)
         arguments = [machine.x, self.free, machine.t]
-        self.loads = ca.Function("loads", arguments, [loads, ca.jacobian(loads, self.free)])
+        self.load = ca.Function("load", arguments, [load, ca.densify(ca.jacobian(load, self.free))])
         self.law = ca.Function("law", arguments, [machine.all[f"{component}.F"]])
-        self.row = list(machine.model.segments).index(component)
         self.speed_of = machine._along(f"{component}.w", speed=True)
         self.angles = [k for k, n in enumerate(d.states) if machine.by_angle[:, k].any()]
         self.states = [k for k in range(len(d.states)) if k not in self.angles and not machine.by_speed[:, k].any()]
@@ -299,7 +298,7 @@ class _Friction:
         self.constant = slow - self.viscous * _FAST[0]
 
     def at(self, speed=0.0, load=0.0, state=None, value=0.0, t=0.0):
-        """F [N.m] for a speed of the segment [rad/s], one state moved, and loads as near as can be to one."""
+        """F [N.m] for a speed of the segment [rad/s], one state moved, and its load as near as can be to one."""
         x = np.zeros(len(self.m.d.states))
         if speed:
             links = speed * self.speed_of / (self.speed_of @ self.speed_of)
@@ -307,10 +306,10 @@ class _Friction:
         if state is not None:
             x[state] = value
         v = np.zeros(self.free.numel())
-        for _ in range(20):  # the loads are straight in what is free, but for friction's own
-            found, slope = (np.array(a) for a in self.loads(x, v, t))
+        for _ in range(20):  # the load is straight in what is free, but for friction's own
+            found, slope = (np.array(a) for a in self.load(x, v, t))
             v -= np.linalg.pinv(slope) @ (found.ravel() - load)
-        self.reached = float(self.loads(x, v, t)[0][self.row])
+        self.reached = float(self.load(x, v, t)[0])
         return float(self.law(x, v, t))
 
     def missing(self):

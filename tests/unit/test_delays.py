@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pycosim.delays import kept, shift
+from pycosim.delays import Record, kept
 from pycosim.compile import Library, compile_model
 from pycosim.simulate import estimate
 
@@ -13,8 +13,8 @@ ONE = np.zeros(len(TIME))
 
 @pytest.mark.parametrize("later", [-0.0137, 0.004, 0.05])
 def test_a_smooth_signal_is_moved_by_any_part_of_a_sample(later):
-    moved = shift(TIME, np.sin(3 * TIME), later, ONE)
-    slope = shift(TIME, np.sin(3 * TIME), later, ONE, 1)
+    record = Record(TIME, np.sin(3 * TIME), ONE)
+    moved, slope = record.at(later), record.at(later, 1)
     inside = slice(20, -20)
     np.testing.assert_allclose(moved[inside], np.sin(3 * (TIME + later))[inside], atol=1e-7)
     np.testing.assert_allclose(slope[inside], 3 * np.cos(3 * (TIME + later))[inside], atol=1e-4)
@@ -22,13 +22,13 @@ def test_a_smooth_signal_is_moved_by_any_part_of_a_sample(later):
 
 def test_one_log_does_not_reach_into_the_next():
     run = np.repeat([0.0, 1.0], len(TIME) // 2)
-    moved = shift(np.tile(TIME[:200], 2), run, 0.05, run)
+    moved = Record(np.tile(TIME[:200], 2), run, run).at(0.05)
     np.testing.assert_allclose(moved, run, atol=1e-12)
 
 
 def test_the_share_of_noise_that_is_kept_is_that_of_a_simulation():
     noise = np.random.default_rng(0).standard_normal(200_000)
-    moved = shift(np.arange(200_000.0), noise, 0.5, np.zeros(200_000))
+    moved = Record(np.arange(200_000.0), noise, np.zeros(200_000)).at(0.5)
     assert kept(0.0) == pytest.approx(1.0)
     assert moved.var() / noise.var() == pytest.approx(kept(0.5), rel=0.01)
 
