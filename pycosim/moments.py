@@ -15,7 +15,7 @@ import numpy as np
 from .compile import ArrayFunction
 
 _MOST = 64  # sign patterns
-_CHECKED = 4000  # samples on which the affine maps are compared with the model
+_CHECKED = 2000  # samples on which the affine maps are compared with the model
 _APART = 1e-6  # of the residual's energy by which they may differ there
 
 
