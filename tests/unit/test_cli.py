@@ -348,6 +348,7 @@ def test_an_interrupt_between_the_renames_comes_too_late(here, monkeypatch):
         os.kill(os.getpid(), signal.SIGINT)
         return rename(*names)
     rename = os.replace
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job is started without
     with results.Folder("out", "identify") as folder:
         folder.write("parameters.json", {"a": 1})
     with results.Folder("out", "identify") as folder:
