@@ -239,7 +239,7 @@ class Table:
         most = min(_ENOUGH, _LIMIT / (len(whole.channels) * 12.0 * effects * 8))
         self.thin = max(1, int(np.ceil(whole.n / most))) | 1  # odd, so that an average has its sample in the middle
         whole = whole.thin(self.thin) if self.thin > 1 else whole
-        self.time, self.group, self.block = whole.time, whole.group, whole.block
+        self.time, self.group, self.block, self.gaps = whole.time, whole.group, whole.block, whole.gaps
         p = len(self.fit.free)
         self.responses = []
         for k, term in enumerate(whole.terms({**parameters}, whole.of_states)):
@@ -251,11 +251,12 @@ class Table:
             self.slope = slope[:, :p] if k == 0 else self.slope + slope[:, :p]
         plain = self.dataset.residuals(self.model, self.fit.free, self.fit.parameters, self.part)
         self.residual = plain.residual(self.fit.values)
+        self.width = 1
         if self.thin > 1:
             pieces = contiguous(plain.time, plain.group)
             usual = float(np.median(np.diff(plain.time)))
-            width = min(self.thin, int(_SHORT / max(usual, 1e-9)) // 2 * 2 + 1)
-            self.residual = _averaged(self.residual, pieces, width)[:, ::self.thin]
+            self.width = min(self.thin, int(_SHORT / max(usual, 1e-9)) // 2 * 2 + 1)
+            self.residual = _averaged(self.residual, pieces, self.width)[:, ::self.thin]
         self.path = self.dataset.path(self.part, self.thin)
         self.channels = self.dataset.channels
 

@@ -496,7 +496,8 @@ class Dataset:
             return cached[key]
 
         return Residuals(question, self.outputs, measured, terms, free, parameters,
-                         self.time[index], self.passes[index], self.block[index], self.channels)
+                         self.time[index], self.passes[index], self.block[index], self.channels,
+                         linked=not (self.paired or self.averaged))
 
     def _read(self, question):
         """Inputs that the errors, the segments' loads or the friction states depend on."""

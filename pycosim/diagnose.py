@@ -8,7 +8,7 @@ fitted to by more than the standard error of that fall, and by most of what a fr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import special
@@ -87,6 +87,7 @@ class Scores:
         self._scan_cycles()
         self._whiten()
         self._test()
+        self._refine()
 
     # ---- noise of what the best mixture of candidates leaves
 
@@ -105,11 +106,19 @@ class Scores:
         """Noise of each channel after the few columns that explain most: a missing effect is not noise."""
         beta = self._pursue(sum(w ** 2 * g for w, g in zip(self.weights, self._thin_moments())), 0.02)
         used = np.flatnonzero(beta)
+        slopes = [w * s for w, s in zip(self.weights, self.table.slope)]
+        root = identify.orthonormal(identify.invert(sum(s @ s.T for s in slopes))[0])
+        absorbed = [root @ s for s in slopes]
         self.noise = []
         for c in range(len(self.weights)):
             left = self.table.residual[c] - sum(
                 beta[k] * (self.table.slope[c][k] if k < self.p else self.columns[k - self.p][c]) for k in used)
-            self.noise.append(fit_noise([left[s] for s in self.pieces]))
+            self.noise.append(fit_noise(left, self.table.gaps, absorbed[c]))
+
+    @property
+    def single(self):
+        """Noise of single samples of the log, a channel."""
+        return [n.single(self.table.width) for n in self.noise]
 
     def _pursue(self, gram, share, most=8):
         """Greedy choice of columns; returns the coefficients of all rows on the residual."""
@@ -141,19 +150,22 @@ class Scores:
         """Moments of the whitened columns; the residual's spread fixes their scale."""
         t = self.table
         self.thin = self._thin_moments()
-        self.gram = np.zeros_like(self.thin[0])
+        self.gram, self.frame = np.zeros_like(self.thin[0]), []
         for c, noise in enumerate(self.noise):
             rows = [*t.slope[c], *[v[c] for v in self.columns], t.residual[c]]
             live = [k for k, row in enumerate(rows) if row.any()]
-            white = (noise.whiten(np.array([rows[k][s] for k in live])) for s in self.pieces)
-            self.gram[np.ix_(live, live)] += sum(w @ w.T for w in white)
+            white = noise.whiten(np.array([rows[k] for k in live]), t.gaps)
+            self.gram[np.ix_(live, live)] += white @ white.T
+            self.frame.append(np.zeros((self.p + 1, len(t.time))))
+            own = [i for i, k in enumerate(live) if k < self.p or k == len(rows) - 1]
+            self.frame[-1][[min(live[i], self.p) for i in own]] = white[own]
         self.samples = t.residual.size
         beta = self._pursue(self.gram, 12.0 / self.samples)
         used = np.count_nonzero(beta)
         left = self.gram[-1, -1] - 2 * beta @ self.gram[:-1, -1] + beta @ self.gram[:-1, :-1] @ beta
         self.variance = max(left / max(self.samples - used, 1), 1e-300)
         # slow noise is known from as many independent stretches as the log holds, not from its samples
-        independent = sum(n.independent(t.residual.shape[1], len(self.pieces)) for n in self.noise)
+        independent = sum(n.independent(t.gaps) for n in self.noise)
         self.dof = max(min(self.samples, independent) - used, 1)
 
     # ---- cycles: a fine scan over the angle, then the best as ordinary columns
@@ -163,11 +175,11 @@ class Scores:
         self.scan_draws = np.zeros(self.draws)
         if not t.scans:
             return
-        white = [_whiten_pieces(np.concatenate([t.slope[c], t.residual[c][None]]), noise, self.pieces)
+        white = [noise.whiten(np.concatenate([t.slope[c], t.residual[c][None]]), t.gaps)
                  for c, noise in enumerate(self.noise)]
         gram = sum(w @ w.T for w in white)
         step = identify.invert(gram[:p, :p])[0] @ gram[:p, -1]
-        back = [_whiten_transposed(w[-1] - step @ w[:p], noise, self.pieces) for w, noise in zip(white, self.noise)]
+        back = [noise.whiten_transposed(w[-1] - step @ w[:p], t.gaps) for w, noise in zip(white, self.noise)]
         subs = _sub_blocks(self.pieces, len(t.time))
         for effect, place in t.scans:
             contribution = t.contribution(effect)
@@ -229,7 +241,9 @@ class Scores:
             {"scanned": True, "phase": quadrature}))
 
     def predicted(self, candidate, coefficients):
-        """Mean square of each channel after adding a candidate, with the base refitted within its bounds.
+        """Error of each channel after adding a candidate, with the base refitted within its bounds.
+
+        The table may hold means of samples: what they lose is taken from the error of the samples.
 
         Parameters
         ----------
@@ -239,13 +253,20 @@ class Scores:
 
         Returns
         -------
-        list of float
-            One a channel, in its unit squared.
+        dict of str to float
+            In the channel's unit.
         """
+        left = self._mean_squares(candidate, () if coefficients is None else coefficients)
+        error = self.table.fit.error
+        return {c: float(np.sqrt(max(error[c] ** 2 - (before - after), 0.0)))
+                for c, before, after in zip(self.table.channels, self._mean_squares(candidate, ()), left)}
+
+    def _mean_squares(self, candidate, coefficients):
+        """Mean square of each channel of the table, with a candidate's coefficients."""
         p = self.p
         y = np.zeros(len(self.gram))
         y[-1] = 1.0
-        for b, part in zip(() if coefficients is None else coefficients, candidate.parts):
+        for b, part in zip(coefficients, candidate.parts):
             y[p + np.array(part)] -= b
         total = sum(w ** 2 * g[:p] for w, g in zip(self.weights, self.thin))
         if p:
@@ -283,6 +304,62 @@ class Scores:
                 extremes[d, sided] = np.maximum(extremes.get((d, sided), 0.0), chance)
         surprises = [-self._log_chi2(chance, *kind) for kind, chance in extremes.items()]
         self.largest = np.sort(np.max([self.scan_draws, *surprises], axis=0))
+
+    # ---- between the points of a grid
+
+    def _refine(self):
+        """Scores between the grid points about the best of each likely candidate: a better size, the same p-value."""
+        best = {}
+        for score in self.results:
+            if score.visible and score.value > best.get(score.candidate.key, Score(None)).value:
+                best[score.candidate.key] = score
+        likely = [s for s in best.values() if self.family(s.surprise) < 10 * LEVEL]
+        self.refined, new = {s.candidate.key: s for s in likely}, []
+        for score in likely:
+            for grid in self._between(score.candidate):
+                new.append(self._candidate_at(score.candidate, grid))
+        self._extend()
+        for candidate in new:
+            value, coefficients = self._fall(candidate)
+            if value > self.refined[candidate.key].value:
+                self.refined[candidate.key] = Score(candidate, value, 0.0, coefficients, True)
+
+    def _between(self, candidate):
+        """Grids a third and two thirds of the way to the neighbours of a grid point, one coefficient at a time."""
+        values = self.table.scan_values(candidate.place.components[0])
+        for name, here in candidate.grid.items():
+            points = values.get(candidate.effect.scan.get(name))
+            if points is None or candidate.effect.scan[name] == "quadrature":
+                continue
+            k = int(np.argmin(np.abs(points - here)))
+            for other in {points[max(k - 1, 0)], points[min(k + 1, len(points) - 1)]} - {points[k]}:
+                for part in (1 / 3, 2 / 3):
+                    even = here + part * (other - here)
+                    yield {**candidate.grid, name: here * (other / here) ** part if points[0] > 0 else even}
+
+    def _candidate_at(self, candidate, grid):
+        """A candidate at another grid point, with columns of its own."""
+        t, contribution = self.table, self.table.contribution(candidate.effect)
+        columns = [t.column(contribution, c, grid, candidate.place.partner(candidate.effect, c))
+                   for c in candidate.place.components]
+        start = len(self.columns)
+        self.columns += [sum(c[k] for c in columns) for k in range(len(contribution.coefficients))]
+        return replace(candidate, grid=grid, parts=[[start + k] for k in range(len(contribution.coefficients))])
+
+    def _extend(self):
+        """Moments of columns that came after the others, with the base and the residual."""
+        known, few = len(self.gram) - 1 - self.p, slice(None, None, self.few)
+        new = np.array(self.columns[known:]).reshape(len(self.columns) - known, len(self.weights), -1)
+        if not len(new):
+            return
+        parts = []
+        for c, noise in enumerate(self.noise):
+            white = noise.whiten(new[:, c], self.table.gaps)
+            raw = np.concatenate([self.table.slope[c], self.table.residual[c][None]])[:, few]
+            parts.append((white @ white.T, self.frame[c] @ white.T, new[:, c, few] @ new[:, c, few].T,
+                          raw @ new[:, c, few].T))
+        self.gram = _grown(self.gram, sum(p[0] for p in parts), sum(p[1] for p in parts), self.p)
+        self.thin = [_grown(g, p[2], p[3], self.p) for g, p in zip(self.thin, parts)]
 
     def _yielding(self):
         """Base parameters that can absorb a candidate: not those that the data press against a bound.
@@ -368,6 +445,19 @@ def _summed(matrix, groups):
     return np.array([rows[:, g].sum(1) for g in groups])
 
 
+def _grown(gram, own, cross, p):
+    """Moments with new rows before the last one; what old candidates share with them is not asked for."""
+    n, m = len(gram) - 1, len(own)
+    found = np.zeros((n + m + 1, n + m + 1))
+    old, new, last = np.arange(n), n + np.arange(m), np.array([n + m])
+    found[np.ix_(old, old)] = gram[:n, :n]
+    found[np.ix_(old, last)], found[np.ix_(last, old)], found[-1, -1] = gram[:n, n:], gram[n:, :n], gram[n, n]
+    found[np.ix_(new, new)] = own
+    found[np.ix_([*range(p), n + m], new)] = cross
+    found[np.ix_(new, [*range(p), n + m])] = cross.T
+    return found
+
+
 def _periodic(effect):
     """Names of the coefficients that are a number of cycles and a phase."""
     kinds = {kind: c for c, kind in effect.scan.items()}
@@ -379,20 +469,6 @@ def _pair_statistic(s, c, sine, cosine):
     vs, vc, vx = (sine ** 2).sum(0), (cosine ** 2).sum(0), (sine * cosine).sum(0)
     det = np.maximum(vs * vc - vx ** 2, 1e-12 * vs * vc + 1e-300)
     return (s ** 2 * vc - 2 * s * c * vx + c ** 2 * vs) / det
-
-
-def _whiten_pieces(values, noise, pieces):
-    out = np.empty_like(values)
-    for s in pieces:
-        out[..., s] = noise.whiten(values[..., s])
-    return out
-
-
-def _whiten_transposed(values, noise, pieces):
-    out = np.empty_like(values)
-    for s in pieces:
-        out[s] = noise.whiten(values[s][::-1])[::-1]
-    return out
 
 
 def _sub_blocks(pieces, n, most=400):
@@ -456,13 +532,12 @@ def select(dataset, model, fit, noise, usual=None):
     blocks, index = np.unique(problem.block, return_inverse=True)
     size = len(fit.free) + 1
     raw, white = np.zeros((len(blocks), size, size)), np.zeros((len(blocks), size, size))
-    for s in contiguous(problem.time, problem.group):
-        b = index[s.start]
-        for c, w in enumerate(fit.weights):
-            rows = np.concatenate([slope[c][:, s], residual[c][None, s]])
-            raw[b] += w ** 2 * rows @ rows.T
-            rows = noise[c].whiten(rows)
-            white[b] += rows @ rows.T
+    gaps, pieces = problem.gaps, contiguous(problem.time, problem.group)
+    for c, w in enumerate(fit.weights):
+        rows = np.concatenate([slope[c], residual[c][None]])
+        for found, values in ((raw, w * rows), (white, noise[c].whiten(rows, gaps))):
+            for s in pieces:
+                found[index[s.start]] += values[:, s] @ values[:, s].T
     low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
     high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
     fold = dataset.fold[blocks]
@@ -548,7 +623,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     scores = Scores(table, seed)
     findings = _findings(table, scores)
     say("refitting the most likely")
-    base = select(dataset, model, fit, scores.noise)
+    base = select(dataset, model, fit, scores.single)
     rivals = _refit_best(dataset, model, fit, scores, findings, base.usual, table)
     depends, alarm = dependence(dataset, model, fit, seed)
     shape = PART * depends[0]["strength"] if depends else 0.0
@@ -560,7 +635,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     say("looking at what is left")
     hidden = undetectable(table, scores)
     verdict = _verdict(findings, alarm, hidden, dataset, model.attached)
-    return Diagnosis(verdict, fit.error, noise_floor(dataset, model, fit), findings, depends, hidden, scores.noise)
+    return Diagnosis(verdict, fit.error, noise_floor(dataset, model, fit), findings, depends, hidden, scores.single)
 
 
 def _findings(table, scores):
@@ -577,9 +652,9 @@ def _findings(table, scores):
         finding = Finding(candidate.effect.id, candidate.place.name, statistic=score.value - penalty)
         finding.p_value_single = float(np.exp(-score.surprise))
         finding.p_value = scores.family(score.surprise)
-        finding.start = _start(candidate, score.coefficients)
-        predicted = scores.predicted(candidate, score.coefficients)
-        finding.predicted_error = {c: float(np.sqrt(v)) for c, v in zip(table.channels, predicted)}
+        finer = scores.refined.get(candidate.key, score)
+        finding.start = _start(finer.candidate, finer.coefficients)
+        finding.predicted_error = scores.predicted(finer.candidate, finer.coefficients)
         findings.append(finding)
     return sorted(findings, key=lambda f: -f.statistic)
 
@@ -629,7 +704,7 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
         finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding), most=TRIAL)
     except PycosimError:
         return False
-    finding.selection = select(dataset, larger, finding.fit, scores.noise, usual)
+    finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
     finding.coefficients = _coefficients(larger, finding.fit)
     return True
 

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares, linprog, lsq_linear
 
 from .errors import NoAnswerError
 from .moments import Moments
-from .noise import contiguous, fit_noise
+from .noise import fit_noise
 
 NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
 WEAK = 1e-3
@@ -354,19 +354,16 @@ def _result(problem, slope, residual, gram, x, free, variables, weights):
     if not np.isfinite(gram).all():
         raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a "
                             "better start")
-    pieces = contiguous(problem.time, problem.group)
+    gaps = problem.gaps
     inverse, null = invert(gram[:-1, :-1])
-    few = pieces[::max(1, problem.n // 20000)]  # enough for the three numbers of a noise model
-    root = _root(inverse)
-    noise = [fit_noise([r[s] for s in few], [w * root @ j[:, s] for s in few])
-             for w, r, j in zip(weights, residual, slope)]
+    root = orthonormal(inverse)
+    noise = [fit_noise(r, gaps, w * root @ j) for w, r, j in zip(weights, residual, slope)]
     meat = np.zeros_like(inverse)
     for w, j, r_noise in zip(weights, slope, noise):
         used = np.flatnonzero(j.any(axis=1))
-        halves = (r_noise.colour(j[used, s]) for s in pieces)
-        meat[np.ix_(used, used)] += w ** 4 * sum(h @ h.T for h in halves)
+        meat[np.ix_(used, used)] += w ** 4 * r_noise.covariance(j[used], gaps)
     covariance = inverse @ meat @ inverse
-    independent = sum(n.independent(problem.n, len(pieces)) for n in noise)
+    independent = sum(n.independent(gaps) for n in noise)
     dof = max(1.0, independent - len(free))
     covariance *= max(independent, 2.0) / max(independent - len(free), 1.0)
     fitted = Fit({**problem.parameters, **dict(zip(free, map(float, x)))}, free, variables, x,
@@ -375,8 +372,18 @@ def _result(problem, slope, residual, gram, x, free, variables, weights):
     return fitted
 
 
-def _root(inverse):
-    """Square root of an inverse normal matrix: takes derivatives to an orthonormal basis of what they fit."""
+def orthonormal(inverse):
+    """Square root of an inverse normal matrix: takes derivatives to an orthonormal basis of what they fit.
+
+    Parameters
+    ----------
+    inverse : ndarray, shape (p, p)
+
+    Returns
+    -------
+    ndarray, shape (p, p)
+        Rows that belong to what is not determined are zero.
+    """
     if len(inverse) == 0:
         return inverse
     scale = np.sqrt(np.maximum(np.diag(inverse), 1e-300))

@@ -13,13 +13,14 @@ MOST = 6  # effects that one search may add
 
 @dataclass
 class Step:
-    """One step of the ladder."""
+    """One step of the ladder; `finding` is what the diagnosis said of the added effect before it was added."""
 
     added: tuple | None
     model: object
     fit: object
     error: dict
     held_out_error: dict
+    finding: object = None
 
 
 @dataclass
@@ -49,7 +50,7 @@ class Improvement:
         return self.steps[-1].fit
 
 
-def step_of(dataset, model, fit, added=None):
+def step_of(dataset, model, fit, finding=None):
     """Errors of a fitted model on the fit part and on the held-out part.
 
     Parameters
@@ -57,15 +58,16 @@ def step_of(dataset, model, fit, added=None):
     dataset : Dataset
     model : Model
     fit : Fit
-    added : (str, str), optional
-        Effect and place that came with this step.
+    finding : Finding, optional
+        The effect that came with this step.
 
     Returns
     -------
     Step
     """
     held_out = compare.errors(dataset, model, fit, "test") if dataset.is_test.any() else {}
-    return Step(added, model, fit, compare.errors(dataset, model, fit, "fit"), held_out)
+    added = None if finding is None else finding.key
+    return Step(added, model, fit, compare.errors(dataset, model, fit, "fit"), held_out, finding)
 
 
 def improve(dataset, model=None, seed=0, progress=None):
@@ -93,7 +95,7 @@ def improve(dataset, model=None, seed=0, progress=None):
         say(f"adding {winner.effect} at {winner.place}")
         attached = [(e.id, p.name) for e, p in steps[-1].model.attached]
         model = compile_model(dataset.library, model.rig, [*attached, winner.key])
-        steps.append(step_of(dataset, model, winner.fit, winner.key))
+        steps.append(step_of(dataset, model, winner.fit, winner))
         winner.held_out_error = steps[-1].held_out_error
         last = diagnose(dataset, model, winner.fit, seed + len(steps), progress)
     pruned = _prune(dataset, steps, last.noise)
@@ -104,27 +106,29 @@ def improve(dataset, model=None, seed=0, progress=None):
 
 
 def _prune(dataset, steps, noise):
-    """Leave out effects whose absence does not raise the selection error by more than its standard error."""
-    if len(steps) <= 2:
-        return steps
-    added = [s.added for s in steps[1:]]
-    given = [(e.id, p.name) for e, p in steps[0].model.attached]
-    rig = steps[0].model.rig
-    full = select(dataset, steps[-1].model, steps[-1].fit, noise)
-    for out in added[:-1]:
-        rest = [a for a in added if a != out]
-        model = compile_model(dataset.library, rig, [*given, *rest])
-        fit = identify.fit(dataset, model, steps[-1].fit.parameters)
-        rise, spread = difference(select(dataset, model, fit, noise, full.usual).raw, full.raw)
-        if rise <= spread:
-            return _ladder(dataset, steps[0], rig, given, rest)
+    """Leave out, one after the other, effects whose absence does not raise the selection error beyond its own error."""
+    given, rig = [(e.id, p.name) for e, p in steps[0].model.attached], steps[0].model.rig
+    full = None
+    while len(steps) > 2:
+        full = full or select(dataset, steps[-1].model, steps[-1].fit, noise)
+        for out in steps[1:-1]:
+            rest = [s for s in steps[1:] if s is not out]
+            model = compile_model(dataset.library, rig, [*given, *(s.added for s in rest)])
+            fit = identify.fit(dataset, model, steps[-1].fit.parameters)
+            left = select(dataset, model, fit, noise, full.usual)
+            rise, spread = difference(left.raw, full.raw)
+            if rise <= spread:
+                steps, full = _ladder(dataset, steps[0], rig, given, rest), left
+                break
+        else:
+            break
     return steps
 
 
-def _ladder(dataset, base, rig, given, added):
-    """The steps of a ladder that adds these effects in this order."""
+def _ladder(dataset, base, rig, given, chosen):
+    """The steps of a ladder that adds the effects of these steps in this order."""
     steps = [base]
-    for k, key in enumerate(added):
-        model = compile_model(dataset.library, rig, [*given, *added[:k + 1]])
-        steps.append(step_of(dataset, model, identify.fit(dataset, model, steps[-1].fit.parameters), key))
+    for k, step in enumerate(chosen):
+        model = compile_model(dataset.library, rig, [*given, *(s.added for s in chosen[:k + 1])])
+        steps.append(step_of(dataset, model, identify.fit(dataset, model, steps[-1].fit.parameters), step.finding))
     return steps

@@ -1,13 +1,22 @@
-"""Residuals in, a model of their correlation out: white noise plus a slow part, which is an ARMA(1, 1) process."""
+"""Residuals in, a model of their correlation out: white noise plus a slow, exponentially correlated part.
+
+The slow part remembers across the gaps between passes and across what a recorder missed; only unrelated records (other
+runs, other pairs of passes) start anew. Likelihood, whitening and covariance are exact for such samples, through the
+filter of the slow part (Kalman), whose recursions are solved as banded systems.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.fft import next_fast_len, rfft
-from scipy.signal import lfilter
+from scipy.linalg import solve_banded
+from scipy.optimize import minimize
+
+BLOCKS = 2500  # means that the memory of the noise is estimated from
+LONGEST = 32  # samples of one mean at most
+PROVED = 3.0  # logarithms of likelihood that a slow part must win
 
 
 @dataclass(frozen=True)
@@ -18,168 +27,273 @@ class Noise:
     ----------
     white, slow : float
         Standard deviations of the two parts, in the channel's unit.
-    phi : float
-        Correlation of the slow part from one sample to the next.
-    theta : float
-        Moving-average coefficient of the equivalent ARMA(1, 1) process.
-    sigma : float
-        Standard deviation of its innovations.
+    memory : float
+        Correlation time of the slow part [s].
     """
 
     white: float
-    slow: float
-    phi: float
-    theta: float
-    sigma: float
+    slow: float = 0.0
+    memory: float = 0.0
 
-    def independent(self, n, pieces):
-        """Number of independent values among n samples in so many pieces, as far as slow noise limits a fit.
+    def single(self, width):
+        """The noise of single samples, where this is that of means of ``width`` samples.
 
         Parameters
         ----------
-        n, pieces : int
+        width : int
+
+        Returns
+        -------
+        Noise
+        """
+        return replace(self, white=self.white * math.sqrt(width))
+
+    def independent(self, gaps):
+        """Number of independent values among samples, as far as slow noise limits a fit.
+
+        Parameters
+        ----------
+        gaps : ndarray, shape (n,)
+            As of `chained`.
 
         Returns
         -------
         float
         """
         if self.slow <= 0.1 * self.white:
-            return float(n)
-        return max(n / (1 + 2 * self.phi / (1 - self.phi + 1e-12)), float(pieces))
+            return float(len(gaps))
+        kept = np.exp(-gaps / self.memory)
+        return float(np.sum((1 - kept) / (1 + kept)))
 
-    def whiten(self, values):
+    def whiten(self, values, gaps):
         """Innovations of ``values`` along the last axis, in units of their standard deviation.
 
         Parameters
         ----------
         values : ndarray, shape (.., n)
+        gaps : ndarray, shape (n,)
+            As of `chained`.
 
         Returns
         -------
         ndarray, shape (.., n)
         """
-        return lfilter([1.0, -self.phi], [1.0, -self.theta], values, axis=-1) / self.sigma
+        if self.slow == 0.0:
+            return values / self.white
+        flat = values.reshape(-1, values.shape[-1])
+        return _innovations(flat, *self._filter(gaps)).reshape(values.shape)
 
-    def colour(self, values):
-        """Multiply by a square root of the covariance of the noise along the last axis; comes out in reversed order.
+    def whiten_transposed(self, values, gaps):
+        """Product of ``values`` with the transpose of the matrix that `whiten` multiplies by.
 
         Parameters
         ----------
-        values : ndarray, shape (.., n)
+        values : ndarray, shape (n,)
+        gaps : ndarray, shape (n,)
 
         Returns
         -------
-        ndarray, shape (.., n)
+        ndarray, shape (n,)
         """
-        return self.sigma * lfilter([1.0, -self.theta], [1.0, -self.phi], values[..., ::-1], axis=-1)
+        if self.slow == 0.0:
+            return values / self.white
+        own, from_before, spread = self._filter(gaps)
+        u = values / spread
+        later = _recursion(np.r_[0.0, own[:0:-1]], -u[None, ::-1])[0, ::-1]
+        return u + np.r_[from_before[1:] * later[1:], 0.0]
+
+    def covariance(self, rows, gaps):
+        """Covariance of the sums of noise weighted by rows.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (p, n)
+        gaps : ndarray, shape (n,)
+
+        Returns
+        -------
+        ndarray, shape (p, p)
+        """
+        plain = rows @ rows.T
+        if self.slow == 0.0:
+            return self.white ** 2 * plain
+        half = _recursion(np.exp(-gaps / self.memory), rows) @ rows.T
+        return self.white ** 2 * plain + self.slow ** 2 * (half + half.T - plain)
+
+    def _filter(self, gaps):
+        return _gains(np.exp(-gaps / self.memory), gaps, self.slow ** 2, self.white ** 2)
 
 
-def fit_noise(pieces, absorbed=None):
-    """Estimate the noise of one channel from contiguous pieces of its residual.
+def _recursion(factor, drive):
+    """Solve ``x[k] = factor[k] x[k - 1] + drive[k]`` along the last axis, from ``x[0] = drive[0]``."""
+    bands = np.ones((2, len(factor)))
+    bands[1, :-1] = -factor[1:]
+    return solve_banded((1, 0), bands, drive.T, check_finite=False).T
 
-    Maximum likelihood in the frequency domain (Whittle), all pieces pooled: the periodogram of each frequency is
-    exponential about the spectrum of white noise plus an exponentially correlated part.
+
+def _innovations(rows, own, from_before, spread):
+    """What each sample says that those before it did not, over its spread."""
+    drive = np.zeros_like(rows)
+    drive[:, 1:] = from_before[1:] * rows[:, :-1]
+    return (rows - _recursion(own, drive)) / spread
+
+
+def _gains(kept, gaps, slow, white):
+    """Filter of a state of variance ``slow`` seen in white noise.
+
+    Returns what the prediction of a sample takes from the prediction before it, what from the sample before it, and the
+    spread of the innovations. It settles where samples are regular, until the next gap.
+    """
+    n = len(kept)
+    gain, variance = np.empty(n), np.empty(n)
+    edges = [*np.flatnonzero(np.r_[True, np.abs(np.diff(gaps)) > 0]).tolist(), n]
+    values, after = kept.tolist(), 0.0
+    for begin, end in zip(edges[:-1], edges[1:]):
+        memory, before = values[begin] ** 2, math.inf
+        for k in range(begin, end):
+            ahead = slow + memory * (after - slow)
+            variance[k] = total = ahead + white
+            gain[k] = share = ahead / total
+            after = ahead * (1 - share)
+            if abs(ahead - before) < 1e-9 * slow:
+                gain[k:end], variance[k:end] = share, total
+                break
+            before = ahead
+    last = np.r_[0.0, gain[:-1]]
+    return kept * (1 - last), kept * last, np.sqrt(variance)
+
+
+def chained(time, group, linked):
+    """Time from the sample before to each sample; infinite where the noise starts anew.
 
     Parameters
     ----------
-    pieces : list of ndarray
-    absorbed : list of ndarray, shape (p, length), optional
-        The part of an orthonormal basis of the fitted parameters in each piece: what the fit took out of the noise,
-        mostly at low frequencies, is put back.
+    time : ndarray, shape (n,)
+        [s]
+    group : ndarray, shape (n,)
+    linked : bool
+        Whether the noise goes on from one group to the next where time does.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        [s]; regular sampling intervals are exactly equal.
+    """
+    if len(time) == 0:
+        return np.zeros(0)
+    gap, same = np.diff(time), np.diff(group) == 0
+    inside = gap[(gap > 0) & same]
+    usual = np.median(inside) if len(inside) else math.inf
+    gap = np.where(np.abs(gap - usual) < 0.5 * usual, usual, gap) if len(inside) else gap
+    return np.r_[math.inf, np.where((gap > 0) & (same | linked), gap, math.inf)]
+
+
+def fit_noise(residual, gaps, absorbed=None, start=None):
+    """Estimate the noise of one channel from its residual, by restricted maximum likelihood.
+
+    Means over short stretches hold what is known of the slow part, the scatter within them what is known of the white
+    part; both have closed forms for exponential correlation.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+    gaps : ndarray, shape (n,)
+        As of `chained`.
+    absorbed : ndarray, shape (p, n), optional
+        Derivatives by the fitted parameters, orthonormal or zero: what the fit took out of the noise is put back.
+    start : Noise, optional
+        Where the search starts.
 
     Returns
     -------
     Noise
     """
-    step = max(1, sum(map(len, pieces)) // 60000)  # enough for three numbers
-    pieces, absorbed = pieces[::step], (absorbed or [np.zeros((0, len(p))) for p in pieces])[::step]
-    variance = np.mean(np.concatenate(pieces) ** 2) if pieces else 1.0
-    long = [(p, a) for p, a in zip(pieces, absorbed) if len(p) >= 20]
-    if not long or variance <= 0:
-        sigma = float(np.sqrt(max(variance, 1e-300)))
-        return Noise(sigma, 0.0, 0.0, 0.0, sigma)
-    power, taken, frequency = (np.concatenate(v) for v in zip(*[_periodogram(p, a) for p, a in long]))
-    power /= variance * np.maximum(1 - taken, 0.2)
-    count, power, cosine = _smoothed(frequency, power)
-
-    misfit, white, slow, phi = _whittle(count, power, cosine, max(len(p) for p, _ in long))
-    if misfit > np.log(count @ power) + 1 - 3.0 / len(frequency):  # a slow part that explains nothing
-        sigma = float(np.sqrt(variance))
-        return Noise(sigma, 0.0, 0.0, 0.0, sigma)
-    return arma(np.sqrt(variance * white), np.sqrt(variance * slow), phi)
-
-
-def _whittle(count, power, cosine, longest, points=24, zooms=6):
-    """White and slow power, and correlation, that make the spectrum most likely: misfit, white, slow, phi.
-
-    The scale has a closed form for a given shape. The logarithms of the other two - slow over white, and the
-    correlation time - are searched on a grid that closes in on its best point.
-    """
-    low, high = -1.0, np.log(2.0 * longest)
-    middle, half = np.array([1.0, (low + high) / 2]), np.array([8.0, (high - low) / 2])
-    for _ in range(zooms):
-        r, t = (np.linspace(m - h, m + h, points) for m, h in zip(middle, half))
-        phi = np.exp(-np.exp(-np.clip(t, low, high)))[:, None]
-        shape = 1 + np.exp(r)[:, None, None] * ((1 - phi ** 2) / (1 - 2 * phi * cosine + phi ** 2))
-        white = (power / shape) @ count
-        misfit = np.log(white) + np.log(shape) @ count + 1
-        i, j = np.unravel_index(np.argmin(misfit), misfit.shape)
-        middle, half = np.array([r[i], t[j]]), half * 4 / points
-    return float(misfit[i, j]), float(white[i, j]), float(white[i, j] * np.exp(r[i])), float(phi[j, 0])
+    variance = float(np.mean(residual ** 2)) if len(residual) else 1.0
+    plain = Noise(math.sqrt(max(variance, 1e-300)))
+    means = _Means.of(residual, np.zeros((0, len(residual))) if absorbed is None else absorbed, gaps)
+    if means is None or variance <= 0:
+        return plain
+    if start is None or start.slow == 0.0:
+        times = np.linspace(math.log(means.least), math.log(means.longest), 5)[:4]
+        x = min(((r, t) for r in (-2.5, -1.0, 0.5) for t in times), key=means.misfit)
+    else:
+        x = means.inside((math.log(start.slow / start.white), math.log(start.memory)))
+    found = minimize(means.misfit, x, method="Nelder-Mead",
+                     options={"xatol": 0.03, "fatol": 0.03, "maxfev": 50,
+                              "initial_simplex": [x, (x[0] + 0.6, x[1]), (x[0], x[1] + 0.6)]})
+    if found.fun > means.misfit((-50.0, x[1])) - PROVED:
+        return plain
+    r, t = means.inside(found.x)
+    white = math.sqrt(means.evaluate((r, t))[1])
+    return Noise(white, white * math.exp(r), math.exp(t))
 
 
-def _smoothed(frequency, power, bins=60):
-    """Mean power in bins of equal ratio of frequency: share of the frequencies, power, cosine of the mean frequency."""
-    edges = np.geomspace(frequency.min(), frequency.max() * (1 + 1e-9), bins + 1)
-    place = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, bins - 1)
-    count = np.bincount(place, minlength=bins)
-    kept = count > 0
-    mean = [np.bincount(place, v, bins)[kept] / count[kept] for v in (power, frequency)]
-    return count[kept] / count.sum(), mean[0], np.cos(2 * np.pi * mean[1])
+@dataclass
+class _Means:
+    """Means of a residual and of the fitted derivatives over stretches of ``size`` samples, and the scatter within."""
 
+    rows: np.ndarray
+    gaps: np.ndarray
+    step: float
+    size: int
+    within: float
+    count: int
+    least: float
+    longest: float
 
-def _periodogram(values, absorbed):
-    """Power of a piece and of what was absorbed of it, at the lower positive frequencies of a unitary transform.
+    @classmethod
+    def of(cls, residual, absorbed, gaps):
+        """Cut into stretches; None where too few samples follow each other."""
+        regular = gaps[np.isfinite(gaps)]
+        if len(residual) < 20 or len(regular) < 8:
+            return None
+        step = float(np.median(regular))
+        edges = np.flatnonzero(np.r_[gaps != step, True])
+        length = np.diff(edges)
+        if length.max() < 8:
+            return None
+        size = int(min(max(len(residual) // BLOCKS, 1), LONGEST, max(np.median(length) // 4, 1)))
+        pieces = [(a, n // size) for a, n in zip(edges[:-1].tolist(), length.tolist()) if n >= size]
+        pieces = pieces[::max(1, round(sum(n for _, n in pieces) / BLOCKS))]
+        begins = np.concatenate([a + size * np.arange(n) for a, n in pieces])
+        index = begins[:, None] + np.arange(size)
+        values = residual[index]
+        rows = np.concatenate([absorbed[:, index].mean(2), values.mean(1)[None]]) * math.sqrt(size)
+        clock = np.cumsum(np.where(np.isfinite(gaps), gaps, 1e9))
+        apart = np.diff(clock[begins])
+        apart[np.abs(apart - size * step) < 0.5 * step] = size * step
+        within = float(((values - values.mean(1, keepdims=True)) ** 2).sum())
+        return cls(rows, np.r_[math.inf, apart], step, size, within, len(begins) * (size - 1),
+                   step * max(size / 4, 0.4), float(regular.sum()))
 
-    The upper two thirds say nothing of what limits a fit, and filters and interpolation have been there.
-    """
-    n = _fast(len(values))
-    kept = max(n // 6, min(n // 2, 8))
-    power = rfft(np.concatenate([values[None, :n], absorbed[:, :n]]), axis=1)[:, 1:kept + 1]
-    power = (power.real ** 2 + power.imag ** 2) / n
-    return power[0], power[1:].sum(0), np.arange(1, kept + 1) / n
+    def inside(self, x):
+        """Logarithms of slow over white and of the memory, where the closed forms hold."""
+        return min(max(x[0], -50.0), 8.0), min(max(x[1], math.log(self.least)), math.log(self.longest))
 
+    def misfit(self, x):
+        """Minus the restricted log-likelihood, with the scale at its best."""
+        return self.evaluate(self.inside(x))[0]
 
-@lru_cache(maxsize=None)
-def _fast(n):
-    """Largest length up to n whose transform is quick."""
-    return next(m for m in range(n, 0, -1) if next_fast_len(m, real=True) == m)
-
-
-def arma(white, slow, phi):
-    """ARMA(1, 1) process of a white and an exponentially correlated part.
-
-    The differenced series ``y(t) - phi y(t - 1)`` has variance ``g0`` and lag-one covariance ``g1``; a moving average
-    of order one has the same two (Box and Jenkins).
-
-    Parameters
-    ----------
-    white, slow : float
-        Standard deviations of the two parts.
-    phi : float
-        Correlation of the slow part from one sample to the next.
-
-    Returns
-    -------
-    Noise
-    """
-    g0 = slow ** 2 * (1 - phi ** 2) + white ** 2 * (1 + phi ** 2)
-    g1 = -phi * white ** 2
-    if white ** 2 * phi < 1e-12 * g0:
-        return Noise(float(white), float(slow), phi, 0.0, float(np.sqrt(g0)))
-    half = -g0 / (2 * g1)
-    theta = 1 / (half + np.sqrt(max(half ** 2 - 1, 0.0)))  # the root inside the unit circle, without cancellation
-    return Noise(float(white), float(slow), phi, float(theta), float(np.sqrt(-g1 / theta)))
+    def evaluate(self, x):
+        """Misfit, and the white variance that is best."""
+        d, ratio, memory = self.size, math.exp(2 * x[0]), math.exp(x[1])
+        phi = math.exp(-self.step / memory)
+        mean = (1 - phi ** d) / (d * (1 - phi))
+        own = ratio * (1 + 2 * phi / (1 - phi) * (1 - mean)) / d  # variance of a mean of the slow part
+        shared = ratio * mean ** 2 * phi ** (1 - d)  # of which goes on to the next, times phi^d
+        filtered = _gains(np.exp(-self.gaps / memory), self.gaps, d * shared, 1 + d * (own - shared))
+        white = _innovations(self.rows, *filtered)
+        spread = filtered[2]
+        a, b = white[:-1] @ white[:-1].T, white[:-1] @ white[-1]
+        free = np.diag(a) > 0
+        a, b = a[np.ix_(free, free)], b[free]
+        left = white[-1] @ white[-1] - b @ np.linalg.lstsq(a, b, rcond=1e-10)[0]
+        scatter = 1 + (ratio - own) * d / (d - 1) if d > 1 else 1.0
+        n = len(spread) - len(b) + self.count
+        scale = max((left + self.within / scatter) / n, 1e-300)
+        logs = 2 * np.log(spread).sum() + self.count * math.log(scatter)
+        logs += np.log(np.maximum(np.linalg.eigvalsh(a), 1e-10)).sum() if len(a) else 0.0
+        return 0.5 * (n * math.log(scale) + logs), scale
 
 
 def contiguous(time, group):

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from .compile import ArrayFunction
+from .noise import chained
 from .states import dependent_parameters
 
 _CHUNK = 8192
@@ -47,11 +48,13 @@ class Residuals:
         Time of each sample, the pass and the block it belongs to.
     names : list of str, optional
         What the errors are called, where not as the channels.
+    linked : bool
+        Whether noise goes on from one pass to the next: samples in the order of time, each compared with a reference.
     """
 
     def __init__(self, question, channels, measured, terms, free, parameters, time, group, block,
-                 names=None):
-        self.time, self.group, self.block = time, group, block
+                 names=None, linked=False):
+        self.time, self.group, self.block, self.linked = time, group, block, linked
         self.question = question
         self.channels, self.measured = list(channels), measured
         self.names = list(channels if names is None else names)
@@ -88,6 +91,11 @@ class Residuals:
     def n(self):
         """Number of samples."""
         return self.measured.shape[1]
+
+    @property
+    def gaps(self):
+        """Time from the sample before to each sample [s]; infinite where the noise starts anew."""
+        return chained(self.time, self.group, self.linked)
 
     def thin(self, k):
         """The same problem on every k-th sample.

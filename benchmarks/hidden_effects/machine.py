@@ -774,7 +774,8 @@ class Noise:
     """Standard deviations of the noise.
 
     `white` and `slow` act on the motor torques [N.m], slow being an Ornstein-Uhlenbeck process with time constant
-    `slow_time` [s]; `reference` on C_H and C_K [N.m]; `joint` on the joint encoders [rad].
+    `slow_time` [s]; `reference` on C_H and C_K [N.m]; `joint` on the joint encoders [rad]. `resolution` [N.m]: the
+    drives report whole multiples of it.
     """
 
     white: float = 6e-3
@@ -782,6 +783,7 @@ class Noise:
     slow_time: float = 1.0
     reference: float = 0.0
     joint: float = 5e-5
+    resolution: float = 0.0
 
 
 def slow_noise(time: np.ndarray, deviation: float, slow_time: float, rng: np.random.Generator) -> np.ndarray:
@@ -860,8 +862,9 @@ def _log(machine, now: _Motion, effects, noise: Noise, seed, leg=Leg(), inertia=
         [slow_noise(time, noise.slow, noise.slow_time, streams[name]) for name in ("slow1", "slow2")])
     C_noise = noise.reference * streams["reference"].standard_normal((len(time), 2))
     q_noise = noise.joint * streams["joint"].standard_normal((len(time), 2))
+    tau = _reported(past.tau, then, effects) + tau_noise[pick]
     return _Log(
-        tau=_reported(past.tau, then, effects) + tau_noise[pick],
+        tau=np.round(tau / noise.resolution) * noise.resolution if noise.resolution else tau,
         q=q + q_noise[pick],
         C=(C if sensor else reference) + C_noise[pick],
         temperature=temperature[pick], theta=now.theta, omega=now.omega,
@@ -936,6 +939,28 @@ def _frame(log: _Log, trajectory: Trajectory, effects, counts: int, extra: set, 
                           for name, column in zip(names.split(","), np.atleast_2d(values.T))})
     frame["manoeuvre"] = trajectory.manoeuvre.astype(str)
     return frame
+
+
+def drop_out(frame: pd.DataFrame, share: float, rng: np.random.Generator, longest: float = 0.5) -> pd.DataFrame:
+    """The log of a recorder that now and then misses samples in a row.
+
+    Parameters
+    ----------
+    frame : pandas.DataFrame
+        A log with a `time` column [s].
+    share : float
+        Of the samples that are missed, about.
+    rng : numpy.random.Generator
+    longest : float
+        Gaps are drawn up to this long [s].
+    """
+    time = frame["time"].to_numpy()
+    gaps = rng.uniform(0.0, longest, int(2 * share * (time[-1] - time[0]) / longest))
+    begins = rng.uniform(time[0], time[-1], len(gaps))
+    lost = np.zeros(len(time), dtype=bool)
+    for begin, gap in zip(begins, gaps):
+        lost |= (time > begin) & (time < begin + gap)
+    return frame[~lost].reset_index(drop=True)
 
 
 def write_csv(frame: pd.DataFrame, path) -> None:
