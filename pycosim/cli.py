@@ -307,6 +307,18 @@ class Run:
         write_study(self.results.improved_study(self.study, model, fit), self.folder.file("study.toml"))
         return parameters
 
+    def write_guess(self, diagnosis):
+        """A guessed shape as a file of an effect, where there is one that an effect can read.
+
+        Parameters
+        ----------
+        diagnosis : dict
+            ``diagnosis.json``.
+        """
+        proposal = (diagnosis["unexplained"] or {}).get("proposal") or {}
+        if proposal.get("file"):
+            self.write("guess.mo", proposal["file"])
+
     def draw(self, function, *arguments):
         """Figures, into the folder of the results.
 
@@ -351,6 +363,7 @@ def _diagnose(run, arguments):
         found.winner.held_out_error = compare.errors(run.dataset, larger, found.winner.fit, "test")
     result = run.results.diagnosis(found, run.library)
     run.write("diagnosis.json", result)
+    run.write_guess(result)
     run.lines += run.results.summary_diagnosis(result, run.library)
 
 
@@ -374,6 +387,7 @@ def _improve(run, arguments):
     run.write("diagnosis.json", first)
     run.write("diagnosis_final.json", last)
     run.write("ladder.json", steps)
+    run.write_guess(last)
     parameters = run.write_model(found.model, found.fit)
     run.write("model.mo", found.model.text.rstrip("\n") + "\n")
     run.draw("write_figures", found)

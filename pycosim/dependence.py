@@ -7,6 +7,7 @@ import numpy as np
 from .noise import contiguous
 
 BINS = 24
+MOMENTS = 1.5  # [s]: a stretch in which friction that comes and goes is taken to last
 ALARM = 4.0  # standard errors by which a dependence must lower the error on blocks that it was not fitted to ..
 SHARE, FEW = 0.05, 1.5  # .. or this share of the error's energy, where few blocks hold it, and so many standard errors
 
@@ -174,28 +175,84 @@ def dependence(dataset, model, fit, seed=0):
     fold = dataset.fold[blocks][label]
     weights = fit.weights[:, None] ** 2
     energy = float((weights * residual ** 2).sum())
-    drives = [((weights * d * residual).sum(0), (weights * d ** 2).sum(0)) for d in drives.transpose(1, 0, 2)]
-    found, sure = [], False
+    waves = list(drives.transpose(1, 0, 2))
+    drives = [((weights * d * residual).sum(0), (weights * d ** 2).sum(0)) for d in waves]
+    found, sure, most = [], False, (0.0, None)
     for name, values in explanations(dataset, model, fit, index).items():
         bins = _bins(values)
         tried = [_explained(xy, xx, energy, bins, fold, label, len(blocks)) for xy, xx in drives]
-        best = max(tried, key=lambda e: e[0])
-        found.append({"variable": name, "strength": round(max(0.0, float(best[0])), 4)})
-        sure |= (best[1] > ALARM and best[0] > 0) or (best[0] > SHARE and best[1] > FEW)
+        k = max(range(len(tried)), key=lambda i: tried[i][0])
+        found.append({"variable": name, "strength": max(0.0, float(tried[k][0]))})
+        sure |= _beyond_chance(*tried[k])
+        most = max(most, (tried[k][0], (k, bins)), key=lambda m: m[0])
+    if not dataset.paired and not dataset.averaged:
+        left = _without(residual, waves, drives, most)
+        frictions = [w for w, n in zip(waves, names) if n.endswith(".dF")]
+        share, errors = max((_bursts(left, w, weights, problem, energy) for w in frictions), default=(0.0, 0.0))
+        sure |= share > 0 and errors > ALARM
+        for entry in found:
+            if entry["variable"] == "time":
+                entry["strength"] = max(entry["strength"], share)
+    found = [{**e, "strength": round(e["strength"], 4)} for e in found]
     angles = {n for n, c in dataset.study.columns.items() if c.variable.endswith("phi")}
     channels = {n for n, c in dataset.study.columns.items() if c.variable in dataset.outputs}
 
     def order(entry):
         """Most first; of variables that follow from each other, the angle before what it causes."""
         name = entry["variable"]
-        return -entry["strength"] * (1.02 if name in angles else 0.98 if name in channels else 1.0)
+        return -entry["strength"] * (1.02 if name in angles else 0.9 if name in channels else 1.0)
     return sorted(found, key=order), bool(sure)
 
 
+def _beyond_chance(share, errors):
+    return (errors > ALARM and share > 0) or (share > SHARE and errors > FEW)
+
+
+def _without(residual, waves, drives, most):
+    """Residual after what depends most on one variable is taken out."""
+    if most[1] is None:
+        return residual
+    k, bins = most[1]
+    xy, xx = drives[k]
+    sums = np.bincount(bins, xy), np.bincount(bins, xx)
+    return residual - (sums[0] / (sums[1] + 1e-300))[bins] * waves[k]
+
+
+def _bursts(residual, drive, weights, problem, energy):
+    """Friction at a place that comes and goes with time alone.
+
+    Its size in each short stretch of a pass is found; where it is sometimes large and mostly not, these sizes are
+    skewed to one side, which noise that knows no direction of motion is not.
+
+    Returns
+    -------
+    share, errors : float
+        Of the energy, in the stretches that stand out; and skewness in standard errors. Zero where none does.
+    """
+    stretch = np.floor(np.concatenate([problem.time[s] - problem.time[s.start] for s in
+                                       contiguous(problem.time, problem.group)]) / MOMENTS).astype(int)
+    new = np.r_[0, np.cumsum((np.diff(stretch) != 0) | (np.diff(problem.group) != 0))]
+    xy, xx = (np.bincount(new, v) for v in ((weights * drive * residual).sum(0), (weights * drive ** 2).sum(0)))
+    xy, xx = xy[xx > 0.2 * np.median(xx)], xx[xx > 0.2 * np.median(xx)]
+    if len(xx) < 30:
+        return 0.0, 0.0
+    size = xy / xx
+    middle = np.median(size)
+    spread = 1.4826 * np.median(np.abs(size - middle)) + 1e-300
+    centred = size - size.mean()
+    lasting = np.clip(np.corrcoef(centred[1:], centred[:-1])[0, 1], 0.0, 0.95) ** 3
+    skew = np.mean(centred ** 3) / np.mean(centred ** 2) ** 1.5
+    errors = skew / np.sqrt(6 / len(size) * (1 + lasting) / (1 - lasting))
+    out = size > middle + 3 * spread
+    share = float((xy ** 2 / xx)[out].sum() / energy) if errors > ALARM else 0.0
+    return share, float(errors)
+
+
 def _bins(values):
-    """Bin numbers, equally filled, so that no bin is nearly empty."""
-    edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)[1:-1]))
-    return np.searchsorted(edges, values)
+    """Bin numbers: half of the edges fill the bins equally, half are equally wide, for what is mostly near a value."""
+    equal = np.quantile(values, np.linspace(0, 1, BINS // 2 + 1)[1:-1])
+    wide = np.linspace(*np.quantile(values, [0.002, 0.998]), BINS // 2 + 1)[1:-1]
+    return np.searchsorted(np.unique(np.r_[equal, wide]), values)
 
 
 def _explained(xy, xx, energy, bins, fold, block, count):

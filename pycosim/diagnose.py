@@ -18,9 +18,10 @@ from .candidates import CYCLES, Candidate, Table
 from .compile import catalogue, compile_model, component_name
 from .dependence import dependence, noise_floor
 from .errors import PycosimError
-from .excitation import FACTOR, undetectable
+from .excitation import FACTOR, smallest, undetectable, varied
 from .identify import bounded
 from .noise import contiguous, fit_noise
+from .unexplained import unexplained
 
 LEVEL = 0.01
 DRAWS = 1999
@@ -64,6 +65,7 @@ class Score:
     surprise: float = 0.0
     coefficients: np.ndarray | None = None
     visible: bool = False
+    spread: np.ndarray | None = None
 
 
 class Scores:
@@ -274,6 +276,25 @@ class Scores:
         samples = len(range(0, len(self.table.time), self.few))
         return [max(y @ g @ y, 0.0) / samples for g in self.thin]
 
+    def weight(self, candidate, size):
+        """What a size of a candidate's first coefficient adds to the error, beside what the base absorbs of it.
+
+        Parameters
+        ----------
+        candidate : Candidate
+        size : float
+
+        Returns
+        -------
+        float
+            As a part of the error of all channels together.
+        """
+        total, base = sum(w ** 2 * g for w, g in zip(self.weights, self.thin)), np.arange(self.p)
+        rows = self.p + np.array(candidate.parts[0])
+        cross = total[np.ix_(base, rows)].sum(1)
+        own = total[np.ix_(rows, rows)].sum() - cross @ identify.invert(total[:self.p, :self.p])[0] @ cross
+        return float(size * np.sqrt(max(own, 0.0) / max(total[-1, -1], 1e-300)))
+
     # ---- tests
 
     def _test(self):
@@ -294,7 +315,8 @@ class Scores:
             sided = d == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
             value, coefficients = self._fall(candidate)
             surprise = float(self._surprise(value, d, sided))
-            self.results.append(Score(candidate, value, surprise, coefficients, True))
+            spread = np.sqrt(self.variance * np.diag(np.linalg.inv(inner)))
+            self.results.append(Score(candidate, value, surprise, coefficients, True, spread))
             if not candidate.extra.get("scanned"):
                 z = np.array([noise[:, part].sum(1) for part in candidate.parts]).T
                 chance = np.einsum("bi,ij,bj->b", z, np.linalg.inv(inner), z)
@@ -349,9 +371,9 @@ class Scores:
     def _extend(self):
         """Moments of columns that came after the others, with the base and the residual."""
         known, few = len(self.gram) - 1 - self.p, slice(None, None, self.few)
-        new = np.array(self.columns[known:]).reshape(len(self.columns) - known, len(self.weights), -1)
-        if not len(new):
+        if len(self.columns) == known:
             return
+        new = np.array(self.columns[known:])
         parts = []
         for c, noise in enumerate(self.noise):
             white = noise.whiten(new[:, c], self.table.gaps)
@@ -585,6 +607,14 @@ class Diagnosis:
         Best first.
     residual_depends_on : list of dict
     undetectable : list of dict
+    noise : list of Noise
+        Of single samples, one a channel.
+    smallest : list of dict
+        Smallest size of each effect at each place that this log would have shown; see `excitation.smallest`.
+    excitation : list of dict
+        What the log varies.
+    unexplained : dict or None
+        Where a residual that no effect explains lives; see `unexplained.unexplained`.
     """
 
     verdict: str
@@ -594,6 +624,9 @@ class Diagnosis:
     residual_depends_on: list
     undetectable: list
     noise: list = field(default_factory=list)
+    smallest: list = field(default_factory=list)
+    excitation: list = field(default_factory=list)
+    unexplained: dict | None = None
 
     @property
     def winner(self):
@@ -635,7 +668,10 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     say("looking at what is left")
     hidden = undetectable(table, scores)
     verdict = _verdict(findings, alarm, hidden, dataset, model.attached)
-    return Diagnosis(verdict, fit.error, noise_floor(dataset, model, fit), findings, depends, hidden, scores.single)
+    floor = noise_floor(dataset, model, fit)
+    mystery = unexplained(table, depends, floor) if verdict == "unexplained" and not dataset.averaged else None
+    return Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single, smallest(scores, LEVEL),
+                     varied(table), mystery)
 
 
 def _findings(table, scores):
@@ -701,7 +737,7 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
         if name in fit.free and "mu" in table.reads(finding.effect):
             start[name] = min(start[name], table.most_efficient(component))
     try:
-        finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding), most=TRIAL)
+        finding.fit = identify.fit(dataset, larger, _nudged(start, larger, finding), most=TRIAL, noise=scores.single)
     except PycosimError:
         return False
     finding.selection = select(dataset, larger, finding.fit, scores.single, usual)

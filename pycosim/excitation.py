@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import stats
 
 from .compile.effects import annotation
+from .dependence import explanations
 
 FACTOR = 10.0  # an effect is out of reach when four standard errors exceed this many nominal values of its coefficient
 
@@ -39,6 +41,75 @@ def undetectable(table, scores):
         names = ", ".join(dict.fromkeys(missing))
         found.append({"effect": effect.id, "place": place.name, "why": f"not in the log: {names}",
                       "experiment": notes.get("experiment", f"log {names}")})
+    return found
+
+
+def smallest(scores, level):
+    """The smallest size of each effect at each place that this log would have shown.
+
+    Shown in nine logs of ten such that the family-wise p-value is below the level; of effects with a grid, at the grid
+    point where they show best.
+
+    Parameters
+    ----------
+    scores : Scores
+    level : float
+
+    Returns
+    -------
+    list of dict
+        ``effect``, ``place``, ``coefficient``, ``value``, ``unit``, ``at`` (values of the grid) and ``error_share``:
+        the part of the noise that such an effect would add to the error of the channel that shows it best.
+    """
+    surprise = np.quantile(scores.largest, 1 - level)
+    best = {}
+    for score in scores.results:
+        if not score.visible:
+            continue
+        candidate = score.candidate
+        sided = len(candidate.parts) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
+        tail = min(np.exp(-surprise) * (2 if sided else 1), 1.0)
+        wanted = np.sqrt(stats.chi2.isf(tail, len(candidate.parts))) + stats.norm.ppf(0.9)
+        size = float(wanted * np.min(score.spread))
+        question = scores.table.contribution(candidate.effect).question
+        name = candidate.names[min(int(np.argmin(score.spread)), len(candidate.names) - 1)]
+        share = scores.weight(candidate, size)
+        known = best.get(candidate.key)
+        if known is None or share < known["error_share"]:
+            best[candidate.key] = {
+                "effect": candidate.effect.id, "place": candidate.place.name, "coefficient": name, "value": size,
+                "unit": question.variables[name].unit, "at": {k: float(v) for k, v in candidate.grid.items()},
+                "error_share": share}
+    return list(best.values())
+
+
+def varied(table):
+    """What the fitted part of a log varies.
+
+    Parameters
+    ----------
+    table : Table
+
+    Returns
+    -------
+    list of dict
+        ``variable``, ``min``, ``max`` (SI units), ``levels``: how many values or clusters of values it takes, a pass by
+        its median.
+    """
+    dataset = table.dataset
+    view = dataset.view(table.part)
+    index = (view.i if dataset.paired else view)[::table.thin]
+    found = []
+    for name, values in explanations(dataset, table.model, table.fit, index).items():
+        if name in ("C_H", "C_K", *dataset.channels):
+            continue
+        passes = np.array([np.median(np.abs(values[table.group == g])) for g in np.unique(table.group)])
+        steps = np.diff(np.sort(passes))
+        found.append({"variable": name, "min": float(values.min()), "max": float(values.max()),
+                      "levels": int(1 + np.count_nonzero(steps > 0.05 * max(np.ptp(passes), 1e-300)))})
+    signs = np.unique(np.sign(np.round(dataset.speeds[:, dataset.moving], 12)), axis=1)
+    found.append({"variable": "combinations of directions", "min": 1, "max": 2 ** len(dataset.speeds),
+                  "levels": int(signs.shape[1])})
     return found
 
 

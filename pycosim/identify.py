@@ -164,7 +164,7 @@ class Fit:
         return stats.t.ppf(0.5 + level / 2, self.dof) * math.sqrt(max(c @ self.covariance @ c, 0.0))
 
 
-def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=None):
+def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=None, noise=None):
     """Fit a model's free parameters to a data set.
 
     Parameters
@@ -181,6 +181,8 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=No
         Weigh samples down that are far out (Huber).
     most : int, optional
         Samples to use, evenly spread, for a quick trial; of fewer than twice as many, all are used.
+    noise : list of Noise, optional
+        Noise of each channel where it is known; estimated from the residual by default.
 
     Returns
     -------
@@ -204,7 +206,7 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=No
     else:
         slope, residual = moments.slope_and_residual(x)
         gram = moments.gram(x, weights, True)
-    return _result(problem, slope, residual, gram, x, free, variables, weights)
+    return _result(problem, slope, residual, gram, x, free, variables, weights, noise)
 
 
 def _refine(problem, tidy, x, free, variables, weights, segments, robust):
@@ -349,15 +351,16 @@ def bounded(a, b, low, high):
     return float(2 * b @ x - x @ a @ x), x
 
 
-def _result(problem, slope, residual, gram, x, free, variables, weights):
+def _result(problem, slope, residual, gram, x, free, variables, weights, noise):
     """Covariance, null directions and noise at the solution."""
     if not np.isfinite(gram).all():
         raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a "
                             "better start")
     gaps = problem.gaps
     inverse, null = invert(gram[:-1, :-1])
-    root = orthonormal(inverse)
-    noise = [fit_noise(r, gaps, w * root @ j) for w, r, j in zip(weights, residual, slope)]
+    if noise is None:
+        root = orthonormal(inverse)
+        noise = [fit_noise(r, gaps, w * root @ j) for w, r, j in zip(weights, residual, slope)]
     meat = np.zeros_like(inverse)
     for w, j, r_noise in zip(weights, slope, noise):
         used = np.flatnonzero(j.any(axis=1))

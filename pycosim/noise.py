@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dgbsv
 from scipy.optimize import minimize
 
 BLOCKS = 2500  # means that the memory of the noise is estimated from
@@ -128,7 +128,7 @@ def _recursion(factor, drive):
     """Solve ``x[k] = factor[k] x[k - 1] + drive[k]`` along the last axis, from ``x[0] = drive[0]``."""
     bands = np.ones((2, len(factor)))
     bands[1, :-1] = -factor[1:]
-    return solve_banded((1, 0), bands, drive.T, check_finite=False).T
+    return dgbsv(1, 0, np.concatenate([np.zeros((1, len(factor))), bands]), drive.T)[2].T
 
 
 def _innovations(rows, own, from_before, spread):

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import cards
 from .compare import worded
 from .compile import Place, component_name, find_effect
 from .compile.effects import annotation
@@ -111,25 +112,30 @@ def diagnosis(found, library):
     Returns
     -------
     dict
-        Beyond the contract, ``refitted``: candidates that were only scored have expected coefficients without interval.
+        Beyond the contract, ``refitted``: candidates that were only scored have expected coefficients without interval;
+        ``conditional``: the interval comes from the data that chose the effect, and holds if the effect is there;
+        the cards of `cards`, what the log varies, and where an unexplained residual lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
-                  "candidates": [_candidate(c, library) for c in found.candidates],
-                  "residual_depends_on": found.residual_depends_on, "undetectable": found.undetectable})
+                  "candidates": [_candidate(c, library, found.error) for c in found.candidates],
+                  "residual_depends_on": found.residual_depends_on, "undetectable": found.undetectable,
+                  "excitation": found.excitation, "smallest_detectable": found.smallest,
+                  "unexplained": found.unexplained})
 
 
-def _candidate(c, library):
-    coefficients = c.coefficients
-    if not coefficients:
+def _candidate(c, library, error):
+    if not c.coefficients:
         from .candidates import effect_question
         known = effect_question(library, find_effect(library, c.effect)).variables
         names = {n.rsplit(".", 1)[-1]: v for n, v in c.start.items()}
-        coefficients = {n: {"value": v, "ci95": [None, None], "unit": known[n].unit if n in known else "1"}
-                        for n, v in names.items()}
+        c.coefficients = {n: {"value": v, "ci95": [None, None], "unit": known[n].unit if n in known else "1"}
+                          for n, v in names.items()}
     return {"effect": c.effect, "place": c.place, "accepted": c.accepted, "p_value": c.p_value,
             "p_value_single": c.p_value_single, "predicted_error": c.predicted_error,
-            "held_out_error": c.held_out_error or None, "coefficients": coefficients, "twins": c.twins,
-            "refitted": c.fit is not None}
+            "predicted_fall": cards.fall(error, c.predicted_error), "held_out_error": c.held_out_error or None,
+            "coefficients": c.coefficients, "conditional": c.fit is not None, "twins": c.twins,
+            "refitted": c.fit is not None, "experiment": cards.experiment(library, c),
+            "variable": cards.variable(library, c), "sentence": cards.sentence(library, c, error)}
 
 
 def ladder(steps, dataset):
@@ -147,7 +153,8 @@ def ladder(steps, dataset):
     """
     return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "steps": [
         {"added": None if s.added is None else {"effect": s.added[0], "place": s.added[1]},
-         "error": s.error, "held_out_error": s.held_out_error} for s in steps]})
+         "error": s.error, "held_out_error": s.held_out_error,
+         "predicted_error": s.finding.predicted_error if s.finding else None} for s in steps]})
 
 
 def improved_study(study, model, fit):
@@ -359,7 +366,19 @@ def summary_diagnosis(result, library=None, final=False):
     """
     lines = {"missing_effect": _missing, "unexplained": _unexplained, "nothing_missing": _nothing,
              "not_enough_excitation": _too_little}[result["verdict"]](result, library, final)
-    return lines + summary_undetectable(result["undetectable"])
+    return lines + _smallest(result["smallest_detectable"]) + summary_undetectable(result["undetectable"])
+
+
+def _smallest(entries, most=4):
+    """The effects that could hide best in this log: the largest sizes that it would not show."""
+    worst = {}
+    for e in sorted(entries, key=lambda e: -(e["error_share"] or 0)):
+        worst.setdefault(e["effect"], e)
+    hidden = [f"{e['effect']} at {e['place']} below {e['coefficient']} = {number(e['value'])}{_unit(e['unit'])}"
+              for e in list(worst.values())[:most]]
+    if not hidden:
+        return []
+    return [f"What could still hide (above that size it is found in nine logs of ten): {'; '.join(hidden)}."]
 
 
 def _missing(result, library, final):
@@ -397,6 +416,12 @@ def _unexplained(result, library, final):
     if significant:
         line += (f" Significant, but no better on passes they were not fitted to: "
                  f"{_joined(_names(significant))}.")
+    mystery = result["unexplained"]
+    if mystery and mystery["proposal"]:
+        line += f" {mystery['proposal']['text']}"
+        if mystery["proposal"]["file"]:
+            line += (" It is written as guess.mo, to be tried as an effect of your own: "
+                     "modelica = [\"guess.mo\"] in [rig].")
     return [line, _at_floor(result)]
 
 

@@ -1,7 +1,7 @@
 """Hide effects in logs of the independent machine, improve each, and print how often the diagnosis is right.
 
-    python -m benchmarks.hidden_effects.run [--half development|final] [--share 1.0] [--kinds one weak pair none outside]
-                                            [--effects viscous ...] [--out cases.jsonl]
+    python -m benchmarks.hidden_effects.run [--half development|final] [--share 1.0] [--out cases.jsonl]
+                                            [--kinds one weak pair none outside] [--effects viscous ...]
 
 Cases that the output file already holds are not run again. `python -m benchmarks.hidden_effects.summary cases.jsonl`
 prints the tables and draws the confusion matrix.
@@ -59,9 +59,20 @@ def run(case):
     if drawn.hidden and case.kind != "outside":
         true = true_error(data, given, library, drawn.hidden)
         row["beside_true"] = max(row["held_out"][c] / true[c] for c in true)
-    if case.kind == "outside" and "motor" in drawn.hidden[0].coefficients:
-        row["angle"] = f"theta{int(drawn.hidden[0]['motor'])}"
+    if case.kind == "outside":
+        row["cause"] = _cause(drawn.hidden[0])
+        guess = (result.first.unexplained or {}).get("proposal")
+        row["guess"] = guess and [guess["variable"], guess["place"], guess["share"]]
     return row
+
+
+def _cause(effect):
+    """Variables that an effect outside the catalogue acts over; both B stages accelerate alike."""
+    if effect.id == "bump":
+        return [f"theta{int(effect['motor'])}"]
+    if effect.id == "acceleration_friction":
+        return [f"acceleration@{p}" for p in (("1B", "2B") if effect.place.endswith("B") else (effect.place,))]
+    return ["time"]
 
 
 def _found(result):
@@ -72,7 +83,8 @@ def _found(result):
               "coefficients": {n: [c["value"], *c["ci95"]] for n, c in s.finding.coefficients.items()},
               "before": b.error, "predicted": s.finding.predicted_error, "realised": s.error}
              for b, s in zip(result.steps[:-1], result.steps[1:])]
-    return {"verdict": first.verdict, "final": last.verdict, "steps": steps, "held_out": result.steps[-1].held_out_error,
+    return {"verdict": first.verdict, "final": last.verdict, "steps": steps,
+            "held_out": result.steps[-1].held_out_error,
             "p": min(c.p_value for c in first.candidates), "p_final": min(c.p_value for c in last.candidates),
             "best": [best.effect, best.place],
             "depends": [[d["variable"], d["strength"]] for d in first.residual_depends_on[:3]]}

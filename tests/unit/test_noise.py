@@ -1,0 +1,62 @@
+"""Noise that remembers: whitening, covariance and likelihood are exact across gaps; the estimate finds the truth."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from pycosim.noise import Noise, chained, fit_noise
+
+RNG = np.random.default_rng(0)
+TIME = np.delete(np.arange(80) * 0.01, [20, 21, 22, *range(40, 55)])
+GROUP = (np.arange(len(TIME)) > 30).astype(int)
+NOISE = Noise(0.3, 0.5, 0.2)
+
+
+def dense(linked):
+    """Covariance matrix of the noise at TIME."""
+    known = 0.25 * np.exp(-np.abs(TIME[:, None] - TIME) / 0.2)
+    if not linked:
+        known *= GROUP[:, None] == GROUP
+    return 0.09 * np.eye(len(TIME)) + known
+
+
+@pytest.mark.parametrize("linked", [True, False])
+def test_whitened_noise_is_white_and_its_transpose_the_transpose(linked):
+    gaps = chained(TIME, GROUP, linked)
+    matrix = NOISE.whiten(np.eye(len(TIME)), gaps).T
+    assert matrix @ dense(linked) @ matrix.T == pytest.approx(np.eye(len(TIME)), abs=1e-8)
+    values = RNG.standard_normal(len(TIME))
+    assert NOISE.whiten_transposed(values, gaps) == pytest.approx(matrix.T @ values, abs=1e-8)
+
+
+@pytest.mark.parametrize("linked", [True, False])
+def test_covariance_of_weighted_sums(linked):
+    rows = RNG.standard_normal((3, len(TIME)))
+    found = NOISE.covariance(rows, chained(TIME, GROUP, linked))
+    assert found == pytest.approx(rows @ dense(linked) @ rows.T, abs=1e-12)
+
+
+def test_noise_starts_anew_where_time_runs_back_or_groups_are_not_linked():
+    gaps = chained(np.array([0, 1, 2, 0, 1, 5.0, 6]), np.array([0, 0, 0, 1, 1, 1, 2]), False)
+    assert gaps.tolist() == [np.inf, 1, 1, np.inf, 1, 4, np.inf]
+
+
+@pytest.mark.parametrize(("memory", "slow"), [(0.3, 0.5), (1.0, 0.3), (2.0, 0.7)])
+def test_the_estimate_finds_the_noise_that_the_fit_took_a_part_of(memory, slow):
+    rng, found = np.random.default_rng(1), []
+    time = np.arange(40000) * 0.01
+    kept = (time % 7.3 < 6.8) & (rng.random(len(time)) > 5e-4)
+    phi = np.exp(-0.01 / memory)
+    for _ in range(6):
+        drift = lfilter([1], [1, -phi], rng.standard_normal(len(time)) * np.sqrt(1 - phi ** 2)) * slow
+        values = (drift + rng.standard_normal(len(time)))[kept]
+        basis = np.linalg.qr(np.array([np.ones(kept.sum()), np.sign(np.sin(time[kept] / 2))]).T)[0].T
+        values = values - basis.T @ (basis @ values)
+        noise = fit_noise(values, chained(time[kept], np.floor(time[kept] / 7.3), True), basis)
+        found.append((noise.white, noise.slow, noise.memory))
+    assert np.mean(found, axis=0) == pytest.approx([1.0, slow, memory], rel=0.08)
+
+
+def test_white_noise_has_no_slow_part():
+    noise = fit_noise(np.random.default_rng(2).standard_normal(5000), chained(np.arange(5000.0), np.zeros(5000), True))
+    assert noise.slow == 0.0 and noise.white == pytest.approx(1.0, abs=0.03)
