@@ -199,7 +199,7 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=No
         problem = problem.thin(skip)
     tidy = dataset.residuals(model, free, parameters, part, dataset.exogenous())
     tidy = tidy.thin(skip) if skip > 1 else tidy
-    x, moments = _refine(problem, tidy, x, free, variables, weights, list(model.segments), robust)
+    x, moments = _refine(problem, tidy, x, free, variables, weights, list(model.segments), robust, most is not None)
     if moments is None:
         slope, residual = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2), problem.residual(x)
         gram = _cross_gram(problem, tidy, x, weights)
@@ -209,16 +209,18 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=No
     return _result(problem, slope, residual, gram, x, free, variables, weights, noise)
 
 
-def _refine(problem, tidy, x, free, variables, weights, segments, robust):
+def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial):
     """Least squares, then steps whose derivatives hold no noise of the measured torques.
 
-    Returns the parameters, and the moments where the model is piecewise affine.
+    A trial is left to those steps where few samples have brought it near. Returns the parameters, and the moments where
+    the model is piecewise affine.
     """
     moments = None if robust else Moments.of(problem, x, segments, tidy)
     for _ in range(5):
         if moments is None:
             thin = max(1, problem.n // 4000)
-            for part in (problem.thin(thin), problem) if thin > 1 else (problem,):
+            few = [problem.thin(thin)] if thin > 1 else []
+            for part in few if trial and few else [*few, problem]:
                 x = _solve(lambda z: part.gram(z, weights, robust), x, free, variables, 60)
             return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights), x, free, variables, 4), None
         x = _solve(lambda z: moments.gram(z, weights), x, free, variables, 60)
