@@ -156,8 +156,8 @@ def _keys(title, table, keys, attributes, note=""):
 def _study(library):
     """Tables and keys of a study file, and the study that ``pycosim new`` writes."""
     whole, setting, column = (_attributes(c) for c in (study.Study, study.Setting, study.Column))
-    yield ("# Study file\n\nA study is a TOML file; paths in it are relative to it. A key that nothing reads is refused, "
-           "with the nearest one that is. Top-level tables: " + ", ".join(f"`[{t}]`" for t in study._TABLES) + ".")
+    yield ("# Study file\n\nA study is a TOML file; paths in it are relative to it. A key that nothing reads is "
+           "refused, with the nearest one that is. Top-level tables: " + ", ".join(f"`[{t}]`" for t in study._TABLES) + ".")
     yield from _keys("[rig]", "[rig]", study._RIG_KEYS, whole)
     yield from _keys("[parameters]", "[parameters]", study._SETTING_KEYS, setting,
                      "One entry a parameter of the rig: `\"s1A.f0\" = { value = 0.05, fixed = false }`.")
@@ -166,8 +166,8 @@ def _study(library):
                      f"`{'`, `'.join(study.REFERENCES)}`; drop-outs: `{'`, `'.join(study.DROP_OUTS)}`; readers that no "
                      f"ending of a file names: `{'`, `'.join(study.READERS)}`.")
     yield from _keys("[columns]", "[columns]", study._COLUMN_KEYS, column,
-                     "One entry a column of the log: `tau1 = { variable = \"motor1.tau\", unit = \"N.m\" }`. Besides the "
-                     f"rig's variables: `{'`, `'.join(study.LOG_VARIABLES)}`.")
+                     "One entry a column of the log: `tau1 = { variable = \"motor1.tau\", unit = \"N.m\" }`. Besides "
+                     f"the rig's variables: `{'`, `'.join(study.LOG_VARIABLES)}`.")
     yield ("\n## [[effects]]\n\nOne table an effect: `effect`, its name, and `place`, where it acts "
            "([effects](effects.md)).")
     documented = {"rig", "parameters", "data", "columns", "effects"}
@@ -253,8 +253,8 @@ def _brackets(rest):
 
 def _effects(library):
     """Every effect: what it is, its equation, its coefficients, its places in the hip-knee rig, its signature."""
-    yield ("# Effects\n\nEvery effect that `diagnose` looks for, from the files in `modelica/DriveTrain/Effects`. What is "
-           "behind them: [effects explained](../explanation/effects.md). A picture shows what the effect changes in a "
+    yield ("# Effects\n\nEvery effect that `diagnose` looks for, from the files in `modelica/DriveTrain/Effects`. What "
+           "is behind them: [effects explained](../explanation/effects.md). A picture shows what the effect changes in a "
            "joint's torque or an encoder's reading, over the variable it shows in; blue on the way out, red on the way "
            "back.\n")
     for effect in catalogue(library).values():

@@ -36,7 +36,8 @@ def test_the_fit_ends_where_it_ends_whatever_its_start(log):
     """The load turns its sign in mid-pass: the affine maps must not be taken from a sample beside the turn."""
     study = replace(load_study(EXAMPLE / "study.toml"), runs=[log])
     dataset = Dataset(study, Library(study.modelica))
-    starts = ({}, {"worm.f0": 0.08, "worm.mu": 0.82}, {"worm.f0": 0.05, "worm.mu": 0.7}, {"worm.f0": 0.5, "worm.mu": 0.5})
+    starts = ({}, {"worm.f0": 0.08, "worm.mu": 0.82}, {"worm.f0": 0.05, "worm.mu": 0.7},
+              {"worm.f0": 0.5, "worm.mu": 0.5})
     fits = [identify.fit(dataset, dataset.base, start) for start in starts]
     for other in fits[1:]:
         assert np.all(np.abs(other.values - fits[0].values) < 0.1 * fits[0].stderr)
