@@ -27,7 +27,6 @@ from pycosim.compile.effects import annotation  # noqa: E402
 from pycosim.compile.parse import LIBRARY  # noqa: E402
 
 RIG = "DriveTrain.Rigs.HipKnee"
-BOUNDS = ("min", "max", "nominal")
 MODELICA = ("Components", "Effects", "Rigs", "Examples", "Interfaces", "UsersGuide")
 # Where the docstring of `Study` has a key under another name than the file
 NAMED = {"model": "rig", "label": "labels"}
@@ -200,17 +199,14 @@ def _class(path):
     text = path.read_text(encoding="utf-8")
     head = re.search(r"^((?:partial )?\w+) (\w+) ", text, re.M)
     yield f"\n## {head[2]} {{ #{head[2]} }}\n\n{_described(path)}. *{head[1]}*"
-    before = re.split(r"\n(?:equation|  annotation|end )", text)[0]
-    statements = [" ".join(s.removeprefix("protected").split()) for s in re.split(r";(?:\n|$)", before)]
-    for s in statements:
+    for s in _statements(text):
         if "extends " in s:
             yield f"\nExtends `{s[s.index('extends ') + 8:]}`."
-    members = [m for m in map(_member, statements) if m]
+    members = [m for m in map(_member, _statements(text)) if m]
     if members:
-        yield "\n| | name | unit | default | min | max | meaning |\n|---|---|---|---|---|---|---|"
-        for kind, name, unit, default, low, high, meaning in members:
-            yield (f"| {_cell(kind)} | `{name}` | {_cell(unit)} | {_code(default)} | {low} | {high} | "
-                   f"{_cell(meaning)} |")
+        yield "\n| | name | unit | default | bounds | meaning |\n|---|---|---|---|---|---|"
+        for kind, name, unit, default, bounds, meaning in members:
+            yield f"| {_cell(kind)} | `{name}` | {_cell(unit)} | {_code(default)} | {bounds} | {_cell(meaning)} |"
     equations = re.search(r"^equation\n(.*?)(?=^  annotation|^end )", text, re.M | re.S)
     if equations:
         yield f"\n```modelica\n{equations[1].rstrip()}\n```"
@@ -220,19 +216,25 @@ def _class(path):
         yield f"\n<div>\n{plain}</div>"
 
 
+def _statements(text):
+    """What a file declares, one string each."""
+    before = re.split(r"\n(?:equation|  annotation|end )", text)[0]
+    return [" ".join(s.removeprefix("protected").split()) for s in re.split(r";(?:\n|$)", before)]
+
+
 def _member(statement):
-    """Kind, name, unit, default, min, max and description of a declaration; None for anything else."""
+    """Kind, name, unit, default, bounds and description of a declaration; None for anything else."""
     statement = re.sub(r'^(?:within [\w.]+; )?(?:partial )?(?:model|connector|class) \w+ "[^"]*" ', "", statement)
     found = re.match(r'((?:parameter |input |output |flow )*)([A-Z][\w.]*) (\w+)(.*?)"([^"]+)"$', statement)
     if not found:
         return None
     prefix, kind, name, rest, meaning = found.groups()
     inside, default = _brackets(rest)
-    values = {n: m[1] if (m := re.search(rf"\b{n}=(\"[^\"]*\"|[-+.\w]+)", inside)) else "" for n in ("unit", *BOUNDS)}
+    values = {n: m[1] if (m := re.search(rf"\b{n}=(\"[^\"]*\"|[-+.\w]+)", inside)) else "" for n in ("unit", "min", "max")}
     if kind != "Real":
         prefix, default = kind, inside or default
-    return (prefix.strip() or "variable", name, values["unit"].strip('"'), default.lstrip("= "), values["min"],
-            values["max"], meaning)
+    bounds = f"{values['min']} to {values['max']}" if values["min"] and values["max"] else ""
+    return prefix.strip() or "variable", name, values["unit"].strip('"'), default.lstrip("= "), bounds, meaning
 
 
 def _brackets(rest):
@@ -262,12 +264,11 @@ def _effects(library):
         text, notes = path.read_text(encoding="utf-8"), annotation(library, effect.model)
         yield f"\n## {effect.id}\n\n{effect.description}."
         yield f"\n```modelica\n{re.search(r'extends (Interfaces[^;]+);', text)[1]}\n```"
-        yield "\n| coefficient | unit | neutral or default | min | max | meaning |\n|---|---|---|---|---|---|"
-        before = re.split(r"\n(?:equation|  annotation|end )", text)[0]
-        for member in map(_member, (" ".join(s.split()) for s in before.split(";\n"))):
+        yield "\n| coefficient | unit | default | bounds | meaning |\n|---|---|---|---|---|"
+        for member in map(_member, _statements(text)):
             if member and member[0] == "parameter":
-                _, name, unit, default, low, high, meaning = member
-                yield f"| `{name}` | {unit} | {_code(default)} | {low} | {high} | {_cell(meaning)} |"
+                _, name, unit, default, bounds, meaning = member
+                yield f"| `{name}` | {unit} | {_code(default)} | {bounds} | {_cell(meaning)} |"
         where = [p.name for p in places(library, RIG, effect)]
         yield f"\n- Places in the hip-knee rig: {', '.join(f'`{p}`' for p in where)}."
         if effect.measured:

@@ -55,9 +55,13 @@ def test_every_verb_has_its_help_and_an_example(site):
 def test_every_effect_has_its_coefficients_and_its_picture(site):
     text = (site / "reference" / "effects.html").read_text(encoding="utf-8")
     sections = dict(re.findall(r'<h2 id="(\w+)">(.*?)(?=<h2|</article>)', text, re.S))
-    assert set(sections) == set(catalogue(Library()))
+    known = catalogue(Library())
+    assert set(sections) == set(known)
     for name, section in sections.items():
-        assert f'src="../images/effects/{name}.png"' in section and "<tbody>" in section
+        declared = (ROOT / "modelica" / (known[name].model.replace(".", "/") + ".mo")).read_text(encoding="utf-8")
+        for coefficient, unit in re.findall(r'parameter Real (\w+)\(unit="([^"]+)"', declared):
+            assert re.search(rf"<td><code>{coefficient}</code></td>\s*<td>{re.escape(unit)}</td>", section), name
+        assert f'src="../images/effects/{name}.png"' in section
         assert (site / "images" / "effects" / f"{name}.png").is_file()
 
 
