@@ -43,6 +43,28 @@ def test_the_fit_ends_where_it_ends_whatever_its_start(log):
         assert np.all(np.abs(other.values - fits[0].values) < 0.1 * fits[0].stderr)
 
 
+def test_new_writes_a_study_for_a_rig_of_ones_own(log, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("own").mkdir()
+    Path("own/Barrier.mo").write_text((EXAMPLE / "Barrier.mo").read_text())
+    assert main(["new", "own/Barrier.mo", "--data", str(log), "--out", "studies", "--quiet"]) == 0
+    study = load_study("studies/Barrier.toml")
+    assert study.rig == "Barrier" and study.modelica == [tmp_path / "own" / "Barrier.mo"] and study.runs == [log]
+    assert {n for n, s in study.parameters.items() if s.fixed is False} == {"worm.f0", "worm.mu"}
+    assert {c.variable for c in study.columns.values()} == {"motor.phi", "motor.tau", "motor.w", "C"}
+
+
+@pytest.mark.parametrize("change, says", [
+    (("estimate=", "estimated="), "holds no rig"), (("equation\n", "equatio\n"), "Barrier.mo"),
+    (("DriveTrain.Components.Motor", "DriveTrain.Components.Moto"), "DriveTrain.Components.Motor")])
+def test_new_refuses_what_is_no_rig_in_a_sentence(change, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("Barrier.mo").write_text((EXAMPLE / "Barrier.mo").read_text().replace(*change))
+    assert main(["new", "Barrier.mo"]) == 2
+    told = capsys.readouterr().err.strip()
+    assert "\n" not in told and says in told and list(Path().iterdir()) == [Path("Barrier.mo")]
+
+
 def test_the_ripple_of_the_worm_is_found_and_sized(maker, log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["improve", str(EXAMPLE / "study.toml"), "--data", str(log), "--out", "found", "--quiet"]) == 0
