@@ -11,7 +11,6 @@ import pytest
 from pycosim.cli import VERBS
 from pycosim.compile import Library, catalogue
 
-pytest.importorskip("mkdocs", reason="the site needs the packages of the extra 'docs'")
 ROOT = Path(__file__).parents[2]
 
 
