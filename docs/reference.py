@@ -155,8 +155,9 @@ def _keys(title, table, keys, attributes, note=""):
 def _study(library):
     """Tables and keys of a study file, and the study that ``pycosim new`` writes."""
     whole, setting, column = (_attributes(c) for c in (study.Study, study.Setting, study.Column))
-    yield ("# Study file\n\nA study is a TOML file; paths in it are relative to it. A key that nothing reads is "
-           "refused, with the nearest one that is. Top-level tables: " + ", ".join(f"`[{t}]`" for t in study._TABLES) + ".")
+    yield ("# Study file\n\nA study is a TOML file; paths in it are relative to it. A key that nothing "
+           "reads is refused, with the nearest one that is. Top-level tables: "
+           + ", ".join(f"`[{t}]`" for t in study._TABLES) + ".")
     yield from _keys("[rig]", "[rig]", study._RIG_KEYS, whole)
     yield from _keys("[parameters]", "[parameters]", study._SETTING_KEYS, setting,
                      "One entry a parameter of the rig: `\"s1A.f0\" = { value = 0.05, fixed = false }`.")
@@ -230,11 +231,11 @@ def _member(statement):
         return None
     prefix, kind, name, rest, meaning = found.groups()
     inside, default = _brackets(rest)
-    values = {n: m[1] if (m := re.search(rf"\b{n}=(\"[^\"]*\"|[-+.\w]+)", inside)) else "" for n in ("unit", "min", "max")}
+    given = dict(re.findall(r'\b(unit|min|max)=("[^"]*"|[-+.\w]+)', inside))
     if kind != "Real":
         prefix, default = kind, inside or default
-    bounds = f"{values['min']} to {values['max']}" if values["min"] and values["max"] else ""
-    return prefix.strip() or "variable", name, values["unit"].strip('"'), default.lstrip("= "), bounds, meaning
+    bounds = f"{given['min']} to {given['max']}" if {"min", "max"} <= set(given) else ""
+    return prefix.strip() or "variable", name, given.get("unit", "").strip('"'), default.lstrip("= "), bounds, meaning
 
 
 def _brackets(rest):
@@ -256,8 +257,8 @@ def _brackets(rest):
 def _effects(library):
     """Every effect: what it is, its equation, its coefficients, its places in the hip-knee rig, its signature."""
     yield ("# Effects\n\nEvery effect that `diagnose` looks for, from the files in `modelica/DriveTrain/Effects`. What "
-           "is behind them: [effects explained](../explanation/effects.md). A picture shows what the effect changes in a "
-           "joint's torque or an encoder's reading, over the variable it shows in; blue on the way out, red on the way "
+           "is behind them: [effects explained](../explanation/effects.md). A picture shows what the effect changes in "
+           "a joint's torque or an encoder's reading, over the variable it shows in; blue on the way out, red on the way "
            "back.\n")
     for effect in catalogue(library).values():
         path = LIBRARY / (effect.model.replace(".", "/") + ".mo")
