@@ -32,7 +32,7 @@ def undetectable(table, scores):
         if reason is None and (effect.id, place.name) not in seen:
             reason = "the base model absorbs it on this data"
             if notes.get("needs"):
-                reason = f"the base model absorbs it: {notes['needs']} do not vary enough on their own"
+                reason = f"the base model absorbs it: too little changes on its own of {notes['needs']}"
         if reason:
             found.append({"effect": effect.id, "place": place.name, "why": reason,
                           "experiment": notes.get("experiment", "vary speed, load, direction and configuration")})
