@@ -313,11 +313,11 @@ class Run:
         Parameters
         ----------
         function : str
-            Of `pycosim.figures`.
+            Of `pycosim.report.figures`.
         *arguments
             Its arguments after folder and data set.
         """
-        from . import figures
+        from .report import figures
         self.progress("drawing")
         getattr(figures, function)(self.folder.temporary, self.dataset, *arguments)
 

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from . import compare, figures, identify, results
+from . import compare, identify, results
 from .compile import ArrayFunction, Library, compile_model, component_name
 from .dataset import Dataset
 from .improve import improve
+from .report import figures
 from .simulate import compensate
 from .study import load_study, write_study
 from .trajectories import manoeuvre_motion

@@ -5,12 +5,14 @@ import re
 import numpy as np
 import pytest
 
-from pycosim import demo, figures, identify, results
+from pycosim import demo, identify, results
 from pycosim.compile import Library
 from pycosim.dataset import Dataset
 from pycosim.dependence import noise_floor
 from pycosim.diagnose import diagnose
 from pycosim.improve import Improvement, step_of
+from pycosim.report import figures
+from pycosim.report.values import PIXELS, envelope
 from pycosim.study import load_study
 
 SHORT = {"speeds": (0.4, 1.6), "longest": 2.0}
@@ -89,9 +91,9 @@ def test_a_long_signal_keeps_its_peaks():
     time = np.linspace(0, 100, 200_000)
     values = np.sin(time)
     values[77_777], values[123_456], values[5:500] = 9.0, -9.0, np.nan
-    t, v = figures.envelope(time, values)
-    assert len(t) == len(v) <= 2 * figures.PIXELS and np.nanmax(v) == 9.0 and np.nanmin(v) == -9.0
-    short = figures.envelope(time[:100], values[:100])
+    t, v = envelope(time, values)
+    assert len(t) == len(v) <= 2 * PIXELS and np.nanmax(v) == 9.0 and np.nanmin(v) == -9.0
+    short = envelope(time[:100], values[:100])
     np.testing.assert_array_equal(short[1], values[:100])
 
 
