@@ -36,6 +36,10 @@ VERBS = {
             "Without a place, every place is tried and the best by cross-validation is taken."),
     "improve": ("diagnose, add, refit, until nothing is left to learn", "ladder.json",
                 "pycosim improve study.toml --data run1.csv", ""),
+    "report": ("the search as one HTML page, to zoom and to pass on", "ladder.json",
+               "pycosim report study.toml --data run1.csv",
+               "Searches as improve does. The page opens offline; its numbers are in data/, its figures for print in "
+               "figures/."),
     "export": ("the identified machine as an FMU, C, Modelica, SSP, MJCF or JSON, for other tools", "export.json",
                "pycosim export study.toml --to fmu --fmi 3 --platforms all",
                "The study's values and effects are taken as they are; no log is read."),
@@ -47,7 +51,9 @@ WRITES = {
     "compare": ("comparison.json",), "identify": ("parameters.json",), "diagnose": ("diagnosis.json",),
     "add": ("study.toml", "parameters.json", "comparison.json"),
     "improve": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
-                "study.toml", "model.mo"),
+                "study.toml", "model.mo", "report.html"),
+    "report": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
+               "study.toml", "model.mo", "report.html"),
     "export": ("export.json",), "cosim": ("cosim.json", "run.csv", "checkpoint.zip"),
 }
 # option of export: what it may be, what it is when not given, what it means
@@ -215,7 +221,7 @@ class Run:
         from .study import load_study
 
         self.progress, self.results, self.verb = progress, results, arguments.verb
-        self.study = load_study(arguments.study)
+        self.study, self.given = load_study(arguments.study), arguments.data
         if arguments.data:
             self.study = self.study.with_data(arguments.data)
         self.library = Library(self.study.modelica)
@@ -321,6 +327,19 @@ class Run:
         self.progress("drawing")
         getattr(figures, function)(self.folder.temporary, self.dataset, *arguments)
 
+    def page(self, found):
+        """The report of a search, and for its own verb the numbers behind it.
+
+        Parameters
+        ----------
+        found : Improvement
+        """
+        from .report.page import write_numbers, write_report
+        self.progress("writing the report")
+        charts = write_report(self.folder.file("report.html"), self.dataset, found, again(self.study, self.given))
+        if self.verb == "report":
+            write_numbers(self.folder.file("data"), charts)
+
 
 # --- verbs ----------------------------------------------------------------------------------------------------------
 
@@ -377,6 +396,7 @@ def _improve(run, arguments):
     parameters = run.write_model(found.model, found.fit)
     run.write("model.mo", found.model.text.rstrip("\n") + "\n")
     run.draw("write_figures", found)
+    run.page(found)
     run.lines += run.results.summary_improvement(first, last, steps, parameters, run.library)
     run.lines += run.results.summary_parameters(parameters)
 
@@ -391,8 +411,25 @@ def _export(run, arguments):
     run.lines += done.lines
 
 
+def again(study, data):
+    """The command that makes a report of this study.
+
+    Parameters
+    ----------
+    study : Study
+    data : list of str or None
+        Logs given instead of the study's.
+
+    Returns
+    -------
+    str
+    """
+    import shlex
+    return shlex.join(["pycosim", "report", study.path.name, *(["--data", *data] if data else [])])
+
+
 VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve,
-        "export": _export}
+        "report": _improve, "export": _export}
 
 
 def checked_effect(run, text):

@@ -16,7 +16,8 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from ..compare import branches, unit_of, worded
 from ..dependence import explanations, noise_floor
-from .values import _quiet, _share, binned, envelope, ideal, outputs, passes, residual_of, signature_values
+from .values import (_quiet, _share, binned, envelope, half_energy, ideal, interval_rows, outputs, passes, planes,
+                     residual_map, residual_of, signature_values)
 
 COLUMN, PAGE = 3.46, 7.1  # width of a column and of a page [inch]
 # Hues of Okabe and Ito, safe for colour-blind readers; the blue darker than theirs, to differ from the red in print
@@ -647,6 +648,77 @@ def _p(value):
     return "< 0.001" if value < 1e-3 else f"= {value:.2g}"
 
 
+@_styled
+def maps(dataset, model, fit, channel=None):
+    """Error over the plane that it is most concentrated on: speed and load of a segment, or the two angles.
+
+    Numbers: share of the error's energy in percent, where it is 2 and more.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    channel : str, optional
+        The first by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure or None
+        None where there is no plane to draw over.
+    """
+    residual, index = residual_of(dataset, model, fit)
+    c = dataset.channels.index(channel) if channel else 0
+    known = explanations(dataset, model, fit, index)
+    found = [(pair, residual_map(known[pair[0]], known[pair[1]], residual)) for pair in planes(dataset, known)]
+    if not found:
+        return None
+    (x, y), best = min(found, key=lambda f: half_energy(f[1]["energy"][c], f[1]["samples"]))
+    figure = Figure(figsize=(COLUMN, 2.7))
+    axes = figure.add_subplot()
+    mesh = axes.pcolormesh(best["x"], best["y"], np.ma.masked_invalid(best["rmse"][c]), cmap="cividis", vmin=0)
+    middle = [(best[a][1:] + best[a][:-1]) / 2 for a in "xy"]
+    half = 0.5 * np.nanmax(best["rmse"][c])
+    for (row, column), share in np.ndenumerate(100 * np.nan_to_num(best["energy"][c])):
+        if share >= 2:
+            axes.text(middle[0][column], middle[1][row], f"{share:.0f}", ha="center", va="center", fontsize=6,
+                      color="black" if best["rmse"][c][row, column] > half else "white")
+    figure.colorbar(mesh, ax=axes, label=f"RMSE of {_symbol(dataset, dataset.channels[c])} "
+                                         f"[{_pretty(unit_of(dataset, dataset.channels[c]))}]")
+    axes.set_xlabel(_capital(label(dataset, x)))
+    axes.set_ylabel(_capital(label(dataset, y)))
+    return figure
+
+
+@_styled
+def intervals(parameters):
+    """Fitted parameters with their 95 % intervals, over the larger end of the interval.
+
+    Crosses: at a bound, or not determined by itself.
+
+    Parameters
+    ----------
+    parameters : dict
+        ``parameters.json``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    rows = interval_rows(parameters)
+    figure = Figure(figsize=(COLUMN, 0.6 + 0.17 * max(3, len(rows))))
+    axes = figure.subplots()
+    for k, row in enumerate(rows):
+        low, value, high = row["scaled"]
+        axes.plot([low, high], [k, k], color="black", lw=0.8, marker="|", label="_interval")
+        axes.plot(value, k, "o" if row["sure"] else "x", color=BLUE if row["sure"] else RED, label="_value")
+    axes.set_yticks(range(len(rows)), [row["name"] for row in rows], fontsize=7)
+    axes.invert_yaxis()
+    axes.set_xlabel("Value over the larger end of its interval [-]")
+    axes.set_ylabel("Parameter [-]")
+    return figure
+
+
 # --- files ----------------------------------------------------------------------------------------------------------
 
 
@@ -688,6 +760,10 @@ def write_comparison(folder, dataset, model, fit, other=None):
         save(over_time(dataset, model, fit, other), folder, "over_time")
     save(where_it_fails(dataset, model, fit, floor), folder, "where_it_fails")
     save(residuals(dataset, model, fit, floor), folder, "residuals")
+    for channel in dataset.channels:
+        figure = maps(dataset, model, fit, channel)
+        if figure is not None:
+            save(figure, folder, f"map_{channel}")
 
 
 def write_figures(folder, dataset, improvement):

@@ -267,3 +267,154 @@ def _depends(known, missing, residual):
     return max((n for n in known if not n.startswith("acceleration@")), key=lambda n: share(known[n]))
 
 
+
+
+def clock(dataset):
+    """Time with the runs one after the other, each from where the one before it ends.
+
+    Parameters
+    ----------
+    dataset : Dataset
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        [s]
+    """
+    time, start = np.empty(len(dataset.time)), 0.0
+    for run in range(len(dataset.logs)):
+        where = dataset.run == run
+        own = dataset.time[where]
+        time[where] = own - own[0] + start
+        start += own[-1] - own[0] + float(np.median(np.diff(own))) if len(own) > 1 else 1.0
+    return time
+
+
+def residual_over_time(dataset, model, fit):
+    """Residual of a model at every sample, NaN where none is taken.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        By channel.
+    """
+    residual, index = residual_of(dataset, model, fit)
+    found = {}
+    for channel, values in zip(dataset.channels, residual):
+        found[channel] = np.full(len(dataset.time), np.nan)
+        found[channel][index] = values
+    return found
+
+
+def stretches(time, codes, shortest=0.0):
+    """Stretches of time in which a code stays the same.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+    codes : ndarray, shape (n,)
+    shortest : float
+        Stretches that do not last longer are left out [s].
+
+    Returns
+    -------
+    list of (float, float, object)
+        Begin, end and code.
+    """
+    ends = np.append(np.flatnonzero(codes[1:] != codes[:-1]), len(codes) - 1)
+    starts = np.insert(ends[:-1] + 1, 0, 0)
+    return [(float(time[a]), float(time[b]), codes[a]) for a, b in zip(starts, ends) if time[b] - time[a] > shortest]
+
+
+def planes(dataset, known):
+    """Pairs of variables over which a residual is mapped: speed and load of each segment, and the two angles.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    known : dict of str to ndarray
+        As `pycosim.dependence.explanations` gives them.
+
+    Returns
+    -------
+    list of (str, str)
+    """
+    found = [(f"speed@{p}", f"load@{p}") for p in dataset.base.segments.values()]
+    column = {c.variable: n for n, c in dataset.study.columns.items()}
+    angles = [column.get(k, k) for k in dataset.known if k.endswith("phi")]
+    found += [tuple(angles)] if len(angles) == 2 else []
+    return [pair for pair in found if all(n in known for n in pair)]
+
+
+def residual_map(x, y, residual):
+    """Error of each channel in the cells of a plane.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+    residual : ndarray, shape (channels, n)
+
+    Returns
+    -------
+    dict
+        ``x`` and ``y`` (edges), ``samples`` (share of all in each cell, shape (CELLS, CELLS), rows along y), ``rmse``
+        and ``energy`` (share of the channel's own, shape (channels, CELLS, CELLS)); cells without samples are NaN.
+    """
+    (i, x_edges), (j, y_edges) = (_bins(v, CELLS) for v in (x, y))
+    cell, shape = j * CELLS + i, (CELLS, CELLS)
+    count = np.bincount(cell, minlength=CELLS ** 2).astype(float)
+    squares = np.array([np.bincount(cell, r ** 2, CELLS ** 2) for r in residual])
+    with _quiet():
+        rmse = np.sqrt(squares / count)
+        energy = np.where(count > 0, squares / squares.sum(1, keepdims=True), np.nan)
+    return {"x": x_edges, "y": y_edges, "samples": (count / len(x)).reshape(shape),
+            "rmse": rmse.reshape(-1, *shape), "energy": energy.reshape(-1, *shape)}
+
+
+def half_energy(energy, samples):
+    """Share of the samples that holds half of the error's energy, the densest cells first.
+
+    Parameters
+    ----------
+    energy, samples : ndarray, shape (cells, cells)
+        Shares, as `residual_map` gives them.
+
+    Returns
+    -------
+    float
+        0.5 where the error is the same everywhere.
+    """
+    full = samples > 0
+    e, n = energy[full], samples[full]
+    order = np.argsort(-e / n)
+    return float(np.interp(0.5, np.r_[0.0, np.cumsum(e[order])], np.r_[0.0, np.cumsum(n[order])]))
+
+
+def interval_rows(parameters):
+    """Parameters and their intervals over the larger end of each.
+
+    Parameters
+    ----------
+    parameters : dict
+        ``parameters.json``.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``value``, ``unit``, ``scaled`` (low, value and high) and ``sure`` (neither at a bound nor
+        undetermined); parameters without a finite interval are left out.
+    """
+    rows = []
+    for name, p in parameters["parameters"].items():
+        ends = p["ci95"][0], p["value"], p["ci95"][1]
+        if None not in ends:
+            scale = max(map(abs, ends)) or 1.0
+            rows.append({"name": name, "value": p["value"], "unit": p["unit"], "scaled": [e / scale for e in ends],
+                         "sure": p["identifiable"] and not p["at_bound"]})
+    return rows

@@ -46,6 +46,7 @@ def _all(dataset, improvement):
         "manoeuvres": figures.manoeuvres(dataset), "over_time": figures.over_time(dataset, *base, last),
         "where_it_fails": figures.where_it_fails(dataset, *base), "residuals": figures.residuals(dataset, *base),
         "signature": figures.signature(dataset, base, last, improvement.steps[1].added),
+        "maps": figures.maps(dataset, *base), "intervals": figures.intervals(results.parameters(*reversed(last), 0)),
         "ladder": figures.ladder(improvement, dataset), "candidates": figures.candidates(improvement.first)}
 
 
@@ -54,6 +55,9 @@ def test_every_axis_has_a_label_with_a_unit_and_no_figure_a_title(dataset, impro
         assert figure.get_size_inches()[0] <= figures.PAGE
         for axes in figure.axes:
             assert not axes.get_title() and not figure.get_suptitle(), name
+            if axes.get_label() == "<colorbar>":
+                assert re.search(r"\[.+\]$", axes.get_ylabel()), name
+                continue
             bottom, left = axes.get_subplotspec().is_last_row(), axes.get_subplotspec().is_first_col()
             for text, needed in ((axes.get_xlabel(), bottom), (axes.get_ylabel(), left)):
                 assert not needed or re.search(r"\[.+\]$", text), f"{name}: '{text}'"
