@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..compare import branches, unit_of, worded
-from ..dependence import explanations
 from . import values
 
 # every pair of ink and paper has a contrast of 4.5 and more; hues as of Okabe and Ito
@@ -185,14 +184,16 @@ def channel_name(channel):
 # --- over time ------------------------------------------------------------------------------------------------------
 
 
-def timeline(dataset, models):
+def timeline(dataset, models, names=NAMES):
     """Model against measurement over the whole log: speeds, every channel, what each model leaves, and marks.
 
     Parameters
     ----------
     dataset : Dataset
     models : list of (Model, Fit)
-        One, or the base model and the improved one.
+        One or two.
+    names : sequence of str
+        What the models are called.
 
     Returns
     -------
@@ -204,15 +205,15 @@ def timeline(dataset, models):
     heights = np.array([1.0] + [1.5 if r.startswith("value") else 1.0 for r in rows])
     tops = 1 - np.concatenate([[0], np.cumsum(heights / heights.sum())])
     domains = [[float(low + 0.012), float(high - 0.012)] for high, low in zip(tops[:-1], tops[1:])]
-    marks, names = _marks(dataset, models[-1], time)
+    marks, rows_of_marks = _marks(dataset, models[-1], time)
     layout = {"height": int(150 * heights.sum()), "xaxis": axis("time [s]", anchor=f"y{len(heights)}"),
               "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom"}, "dragmode": "zoom",
-              "yaxis": axis("", domain=domains[0], tickvals=list(range(len(names))), ticktext=names, fixedrange=True,
-                            range=[-0.7, len(names) - 0.3], showgrid=False, zeroline=False)}
+              "yaxis": axis("", domain=domains[0], tickvals=list(range(len(rows_of_marks))), ticktext=rows_of_marks,
+                            fixedrange=True, range=[-0.7, len(rows_of_marks) - 0.3], showgrid=False, zeroline=False)}
     traces = marks
     for k, row in enumerate(rows, 2):
         kind, _, channel = row.partition(":")
-        traces += _row(dataset, models, time, kind, channel, f"y{k}")
+        traces += _row(dataset, models, names, time, kind, channel, f"y{k}")
         unit = unit_of(dataset, channel) if channel else "rad/s"
         short = channel.removesuffix("_pair")
         title = {"speeds": "speed", "value": short, "residual": f"error {short}"}[kind]
@@ -227,22 +228,22 @@ def timeline(dataset, models):
     return Chart("timeline", "Model against measurement", caption, traces, layout)
 
 
-def _row(dataset, models, time, kind, channel, y):
+def _row(dataset, models, names, time, kind, channel, y):
     """Traces of one panel."""
     if kind == "speeds":
-        names = [k for k in dataset.signals if k.startswith("der(") and k.count("(") == 1] or list(dataset.signals)[:1]
+        speeds = [k for k in dataset.signals if k.startswith("der(") and k.count("(") == 1]
         looks = [{"color": "@ink", "dash": "solid", "width": 1.2}, {"color": "@muted", "dash": "dash", "width": 1.2}]
         return [_signal(time, dataset.signals[n], y, n[4:-1].removesuffix(".phi"), k > 1, **looks[k % 2])
-                for k, n in enumerate(names[:4])]
+                for k, n in enumerate((speeds or list(dataset.signals)[:1])[:4])]
     found = []
     if kind == "value":
         found.append(_signal(time, dataset.reference(channel), y, "measured", channel == dataset.channels[0],
                              color="@ink", width=2.4))
     for k, (model, fit) in enumerate(models):
-        signal = (values.outputs(dataset, model, fit.parameters)[channel] if kind == "value"
+        signal = (values.outputs(dataset, model, fit)[channel] if kind == "value"
                   else values.residual_over_time(dataset, model, fit)[channel])
         first = channel == dataset.channels[0] and (kind == "value" or dataset.paired)
-        found.append(_signal(time, signal, y, NAMES[k], first, **LOOKS[k]))
+        found.append(_signal(time, signal, y, names[k], first, **LOOKS[k]))
     return found
 
 
@@ -293,7 +294,7 @@ def _bars_over_time(spans, row, name, width, colour, legend):
 # --- where ----------------------------------------------------------------------------------------------------------
 
 
-def groups(dataset, models, floor):
+def groups(dataset, models, floor, names=NAMES):
     """Error by manoeuvre, by branch and by run, of each model.
 
     Parameters
@@ -302,16 +303,18 @@ def groups(dataset, models, floor):
     models : list of (Model, Fit)
     floor : dict of str to float
         Noise floor of each channel.
+    names : sequence of str
 
     Returns
     -------
     list of Chart
         Those with more than one group.
     """
-    splits = {}
+    splits, codes_of = {}, None
     for k, (model, fit) in enumerate(models):
-        residual, index = values.residual_of(dataset, model, fit)
-        for name, codes in _codes(dataset, *models[0], index):
+        residual, index, _ = values.sampled(dataset, model, fit)
+        codes_of = codes_of or list(_codes(dataset, *models[0], index))
+        for name, codes in codes_of:
             for group in np.unique(codes):
                 where = codes == group
                 splits.setdefault(name, {}).setdefault(k, {})[group] = np.sqrt(np.mean(residual[:, where] ** 2, axis=1))
@@ -320,19 +323,19 @@ def groups(dataset, models, floor):
         if len(found[0]) < 2:
             continue
         for c, channel in enumerate(dataset.channels):
-            traces = [{"type": "bar", "x": list(g), "y": [float(v[c]) for v in g.values()], "name": NAMES[k],
+            traces = [{"type": "bar", "x": list(g), "y": [float(v[c]) for v in g.values()], "name": names[k],
                        "marker": {"color": LOOKS[k]["color"], "pattern": {"shape": ("/", "")[k]}}}
                       for k, g in found.items()]
             layout = {"xaxis": axis(name, type="category"), "yaxis": axis(f"RMSE {label(dataset, channel)}"),
                       "barmode": "group"}
             if floor.get(channel) is not None and np.isfinite(floor[channel]):
-                names = list(found[0])
-                traces.append({"type": "scatter", "mode": "lines", "x": names, "y": [floor[channel]] * len(names),
+                traces.append({"type": "scatter", "mode": "lines", "x": list(found[0]),
+                               "y": [floor[channel]] * len(found[0]),
                                "name": "noise floor", "line": {"color": "@ink", "dash": "dash", "width": 1.5}})
             worst = max(found[0], key=lambda g: found[0][g][c])
             charts.append(Chart(f"{name}_{channel}".replace(" ", "_"), "Error by group",
-                                f"Error of {channel_name(channel)} by {name}; of the base model it is largest for "
-                                f"{worst}.", traces, layout, f"{channel} by {name}"))
+                                f"Error of {channel_name(channel)} by {name}; of the {names[0]} it is largest "
+                                f"for {worst}.", traces, layout, f"{channel} by {name}"))
     return charts
 
 
@@ -346,32 +349,32 @@ def _codes(dataset, model, fit, index):
         yield "run", np.array([log.name for log in dataset.logs])[dataset.run[index]]
 
 
-def maps(dataset, models):
+def maps(dataset, models, names=NAMES):
     """Error of each channel over speed and load of each segment, and over the angles, of each model.
 
     Parameters
     ----------
     dataset : Dataset
     models : list of (Model, Fit)
+    names : sequence of str
 
     Returns
     -------
     list of Chart
         The map that the base model's error is most concentrated on comes first.
     """
-    residuals = [values.residual_of(dataset, *m) for m in models]
-    index = residuals[0][1]
-    known = explanations(dataset, *models[0], index)
+    residuals = [values.sampled(dataset, *m)[0] for m in models]
+    known = values.sampled(dataset, *models[0])[2]
     found = []
     for x, y in values.planes(dataset, known):
-        each = [values.residual_map(known[x], known[y], r) for r, _ in residuals]
+        each = [values.residual_map(known[x], known[y], r) for r in residuals]
         for c, channel in enumerate(dataset.channels):
             half = values.half_energy(each[0]["energy"][c], each[0]["samples"])
-            found.append((half, _map(dataset, channel, c, (x, y), each, half)))
+            found.append((half, _map(dataset, channel, c, (x, y), each, half, names)))
     return [chart for _, chart in sorted(found, key=lambda f: f[0])]
 
 
-def _map(dataset, channel, c, names, each, half):
+def _map(dataset, channel, c, plane, each, half, names):
     top = max(float(np.nanmax(m["rmse"][c])) for m in each)
     traces, layout = [], {"height": 400, "annotations": []}
     for k, m in enumerate(each):
@@ -380,47 +383,48 @@ def _map(dataset, channel, c, names, each, half):
         share = 100 * m["energy"][c]
         traces.append({
             "type": "heatmap", "x": centre[0].tolist(), "y": centre[1].tolist(), "z": m["rmse"][c].tolist(), "zmin": 0,
-            "zmax": top, "colorscale": "Cividis", "xaxis": f"x{axes}", "yaxis": f"y{axes}", "name": NAMES[k],
+            "zmax": top, "colorscale": "Cividis", "xaxis": f"x{axes}", "yaxis": f"y{axes}", "name": names[k],
             "showscale": k == len(each) - 1, "colorbar": {"title": {"text": f"RMSE [{unit_of(dataset, channel)}]"}},
             "text": [[f"{v:.0f}" if v >= 2 else "" for v in np.nan_to_num(row)] for row in share],
             "texttemplate": "%{text}", "customdata": np.nan_to_num(share).tolist(), "hovertemplate":
             "%{x:.3g}, %{y:.3g}<br>RMSE %{z:.3g}<br>%{customdata:.1f} % of the energy<extra></extra>"})
         low, high = ((0.0, 0.46), (0.54, 1.0))[k] if len(each) == 2 else (0.0, 1.0)
-        layout[f"xaxis{axes}"] = axis(label(dataset, names[0]), domain=[low, high], anchor=f"y{axes}", showgrid=False)
-        layout[f"yaxis{axes}"] = axis(label(dataset, names[1]) if k == 0 else "", anchor=f"x{axes}", showgrid=False)
-        layout["annotations"].append({"text": NAMES[k], "xref": "paper", "yref": "paper", "x": (low + high) / 2,
+        layout[f"xaxis{axes}"] = axis(label(dataset, plane[0]), domain=[low, high], anchor=f"y{axes}", showgrid=False)
+        layout[f"yaxis{axes}"] = axis(label(dataset, plane[1]) if k == 0 else "", anchor=f"x{axes}", showgrid=False)
+        layout["annotations"].append({"text": names[k], "xref": "paper", "yref": "paper", "x": (low + high) / 2,
                                       "y": 1.0, "yanchor": "bottom", "showarrow": False, "font": {"color": "@ink"}})
-    words = f"{worded(names[0])} and {worded(names[1])}"
+    words = f"{worded(plane[0])} and {worded(plane[1])}"
     caption = (f"Error of {channel_name(channel)} over {words}; numbers in the cells: share of the error's energy in "
-               f"percent. Half of the base model's lies in {100 * half:.0f} % of the samples.")
-    return Chart(f"map_{channel}_{'_'.join(names)}".replace("@", "_"), "Where the error is", caption, traces, layout,
+               f"percent. Half of that of the {names[0]} lies in {100 * half:.0f} % of the samples.")
+    return Chart(f"map_{channel}_{'_'.join(plane)}".replace("@", "_"), "Where the error is", caption, traces, layout,
                  f"{channel} over {words}")
 
 
-def profiles(dataset, models):
+def profiles(dataset, models, names=NAMES):
     """Mean and spread of the residual over angles, time since reversal, temperature and time, of each model.
 
     Parameters
     ----------
     dataset : Dataset
     models : list of (Model, Fit)
+    names : sequence of str
 
     Returns
     -------
     list of Chart
     """
-    residuals = [values.residual_of(dataset, *m) for m in models]
-    known = explanations(dataset, *models[0], residuals[0][1])
+    residuals = [values.sampled(dataset, *m)[0] for m in models]
+    known = values.sampled(dataset, *models[0])[2]
     column = {c.variable: n for n, c in dataset.study.columns.items()}
-    names = [column.get(k, k) for k in dataset.known if k.endswith("phi")]
-    names += ["time_since_reversal", "temperature", "time"]
+    variables = [column.get(k, k) for k in dataset.known if k.endswith("phi")]
+    variables += ["time_since_reversal", "temperature", "time"]
     charts = []
-    for name in [n for n in names if n in known]:
+    for name in [n for n in variables if n in known]:
         for c, channel in enumerate(dataset.channels):
             traces = []
-            for k, (residual, _) in enumerate(residuals):
+            for k, residual in enumerate(residuals):
                 centre, mean, spread = values.binned(known[name], residual[c])
-                traces.append({"type": "scatter", "mode": "lines+markers", "x": centre, "y": mean, "name": NAMES[k],
+                traces.append({"type": "scatter", "mode": "lines+markers", "x": centre, "y": mean, "name": names[k],
                                "line": LOOKS[k], "marker": {"symbol": ("circle-open", "square")[k], "size": 7},
                                "error_y": {"type": "data", "array": spread.tolist(), "thickness": 0.8, "width": 2}})
             charts.append(Chart(f"over_{name}_{channel}", "Error over one variable",

@@ -329,7 +329,7 @@ def _fitted(panels, dataset, channel, window, shown, lossless):
     if lossless is not None:
         axes.plot(*envelope(time, lossless[channel][window]), color=GREY, ls=":", lw=0.9, label="without losses")
     for name, color, line, model, fit in shown:
-        values = outputs(dataset, model, fit.parameters)[channel][window]
+        values = outputs(dataset, model, fit)[channel][window]
         axes.plot(*envelope(time, values), color=color, ls=line, lw=0.8, label=name)
         if not dataset.paired:
             panels[1].plot(*envelope(time, measured - values), color=color, ls=line, lw=0.5)

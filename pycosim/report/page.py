@@ -19,8 +19,7 @@ from .. import __version__, results
 from ..compare import worded
 from ..compile import compile_model, find_effect
 from ..compile.effects import annotation
-from ..dependence import explanations
-from . import charts
+from . import charts, values
 
 HERE = Path(__file__).parent
 SECTIONS = (("measured", "What was measured"), ("against", "Model against measurement"), ("where", "Where it fails"),
@@ -124,8 +123,7 @@ class Page:
             rows = [(worded(e["variable"]), number(e["min"]), number(e["max"]), e.get("levels", ""), e["unit"])
                     for e in told]
             return _table("What the log varies", ("variable", "least", "largest", "levels", "unit"), rows)
-        view = self.dataset.view("all")
-        known = explanations(self.dataset, *self.models[0], view.i if self.dataset.paired else view)
+        _, _, known = values.sampled(self.dataset, *self.models[0])
         rows = [(worded(n), number(float(v.min())), number(float(v.max())), charts.unit_of(self.dataset, n))
                 for n, v in known.items()]
         return _table("What the log varies", ("variable", "least", "largest", "unit"), rows)

@@ -6,6 +6,7 @@ What is drawn twice, on paper and in a browser, is computed here once.
 from __future__ import annotations
 
 from contextlib import contextmanager
+from functools import wraps
 
 import numpy as np
 
@@ -16,6 +17,19 @@ from ..noise import contiguous
 PIXELS = 1200  # across a page, in a preview of 170 dots an inch
 BINS, FULL = 14, 0.15  # bins, and the share of an equal filling below which one is not shown
 CELLS = 12  # of a map, along either axis
+ENOUGH = 100_000  # samples for a mean in a bin; a longer log is thinned evenly, never where extremes are drawn
+
+
+def _once(function):
+    """Compute once for a data set, model and fit what several charts draw."""
+    @wraps(function)
+    def inner(dataset, model, fit, *arguments):
+        kept = dataset.__dict__.setdefault("_drawn", {})
+        key = function.__name__, id(model), id(fit), arguments
+        if key not in kept:
+            kept[key] = function(dataset, model, fit, *arguments), model, fit  # kept alive: ids are not used again
+        return kept[key][0]
+    return inner
 
 
 @contextmanager
@@ -25,20 +39,21 @@ def _quiet():
         yield
 
 
-def outputs(dataset, model, parameters):
-    """Values of the compared outputs by a model, NaN where nothing moves.
+@_once
+def outputs(dataset, model, fit):
+    """Values of the compared outputs by a fitted model, NaN where nothing moves.
 
     Parameters
     ----------
     dataset : Dataset
     model : Model
-    parameters : dict of str to float
+    fit : Fit
 
     Returns
     -------
     dict of str to ndarray, shape (n,)
     """
-    values = dataset.segment_signals(model, parameters, dataset.outputs)
+    values = dataset.segment_signals(model, fit.parameters, dataset.outputs)
     return {c: np.where(dataset.moving, v, np.nan) for c, v in values.items()}
 
 
@@ -61,7 +76,7 @@ def ideal(dataset):
     return dataset.segment_signals(model, {**values, **dataset.values(model), **lossless}, dataset.outputs)
 
 
-def residual_of(dataset, model, fit, parameters=None, part="all"):
+def residual_of(dataset, model, fit, parameters=None, part="all", most=None):
     """Residual of a model, and where in the log its samples are.
 
     Parameters
@@ -73,6 +88,8 @@ def residual_of(dataset, model, fit, parameters=None, part="all"):
         Values to use instead of the fitted ones.
     part : str
         ``fit``, ``test`` or ``all``.
+    most : int, optional
+        More samples than these are thinned evenly.
 
     Returns
     -------
@@ -83,7 +100,30 @@ def residual_of(dataset, model, fit, parameters=None, part="all"):
     problem = dataset.residuals(model, fit.free, {**fit.parameters, **(parameters or {})}, part)
     view = dataset.view(part)
     values = [(parameters or {}).get(n, v) for n, v in zip(fit.free, fit.values)]
-    return problem.residual(values), view.i if dataset.paired else view
+    k = 1 if most is None else max(1, problem.n // most)
+    return problem.thin(k).residual(values), (view.i if dataset.paired else view)[::k]
+
+
+@_once
+def sampled(dataset, model, fit, part="all"):
+    """Residual of a model at enough samples for means, where they are, and what the residual may depend on there.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    part : str
+
+    Returns
+    -------
+    residual : ndarray, shape (channels, samples)
+    index : ndarray of int, shape (samples,)
+    known : dict of str to ndarray, shape (samples,)
+        See `pycosim.dependence.explanations`.
+    """
+    residual, index = residual_of(dataset, model, fit, None, part, ENOUGH)
+    return residual, index, explanations(dataset, model, fit, index)
 
 
 def envelope(time, values, pixels=PIXELS):
@@ -189,10 +229,9 @@ def signature_values(dataset, before, after, key):
         and ``kind``.
     """
     missing = _missing_torque(dataset, before, after, key)
-    residual, index = residual_of(dataset, *before, part="fit")
-    left, _ = residual_of(dataset, *after, part="fit")
-    known = explanations(dataset, *after, index)
-    known.update(_cycle(dataset, after, key, index))
+    residual, _ = residual_of(dataset, *before, None, "fit", ENOUGH)
+    left, index, known = sampled(dataset, *after, "fit")
+    known = {**known, **_cycle(dataset, after, key, index)}
     variable = _depends(known, missing, residual)
     x, found = known[variable], {}
     for channel, without, with_it in zip(dataset.channels, residual, left):
@@ -244,10 +283,11 @@ def _missing_torque(dataset, before, after, key):
     if not names:
         return None
     others = {n: v for n, v in fit.parameters.items() if n in before[1].parameters}
-    full, _ = residual_of(dataset, *before, others, "fit")
-    left, _ = residual_of(dataset, model, fit, None, "fit")
+    full, _ = residual_of(dataset, *before, others, "fit", ENOUGH)
+    left, *_ = sampled(dataset, model, fit, "fit")
     parameters = {**{n: v.value for n, v in probes.parameters.items()}, **fit.parameters}
     problem = dataset.residuals(probes, names[:1], parameters, "fit", dataset.exogenous())
+    problem = problem.thin(max(1, problem.n // ENOUGH))
     drive = np.concatenate([j[:, 0] for _, _, j in problem.blocks([0.0])], axis=1)
     w = fit.weights[:, None] ** 2
     return {"without": (w * drive * full).sum(0), "with": (w * drive * left).sum(0),
@@ -290,6 +330,7 @@ def clock(dataset):
     return time
 
 
+@_once
 def residual_over_time(dataset, model, fit):
     """Residual of a model at every sample, NaN where none is taken.
 
