@@ -7,7 +7,7 @@ a light or a dark theme. What differs in colour differs in dash, marker or width
 from __future__ import annotations
 
 import base64
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ LOOKS = ({"color": "@before", "dash": "dot", "width": 1.4}, {"color": "@after", 
 NAMES = "base model", "improved model"
 BUCKETS = 30000  # in which a long signal keeps its smallest and its largest value
 SHOWN = 2000  # of these, drawn at once
+ROOM = 40  # names of passes that fit side by side
 
 
 @dataclass
@@ -226,6 +227,35 @@ def timeline(dataset, models, names=NAMES):
                "every fit, and the branch of each segment, thick where power flows to the joint (direct) and thin "
                "where it flows back (reverse).")
     return Chart("timeline", "Model against measurement", caption, traces, layout)
+
+
+def zoomed(chart, window=None):
+    """A chart over time with no more points than a screen shows, extremes kept.
+
+    Parameters
+    ----------
+    chart : Chart
+        As `timeline` gives it.
+    window : (float, float), optional
+        Times to show [s]; all by default.
+
+    Returns
+    -------
+    Chart
+    """
+    begin, end = window or (-np.inf, np.inf)
+    traces = []
+    for trace in chart.traces:
+        if trace.get("meta") == "signal":
+            a, b = np.searchsorted(trace["x"], [begin, end])
+            part = slice(max(0, a - 2), b + 2)
+            x, y = values.envelope(trace["x"][part], trace["y"][part], SHOWN)
+            trace = {**trace, "x": x, "y": y}
+        elif trace.get("meta") == "names" and sum(begin <= t <= end for t in trace["x"]) > ROOM:
+            trace = {**trace, "mode": "markers", "marker": {"size": 3, "color": "@muted"}}
+        traces.append(trace)
+    axis_ = {**chart.layout["xaxis"], **({"range": list(window), "autorange": False} if window else {})}
+    return replace(chart, traces=traces, layout={**chart.layout, "xaxis": axis_})
 
 
 def _row(dataset, models, names, time, kind, channel, y):

@@ -83,6 +83,7 @@ class Page:
                 traces.append(charts.encoded(trace))
             told.append({"id": chart.id, "traces": traces, "layout": charts.encoded(chart.layout)})
         return {"themes": charts.THEMES, "layout": charts.base_layout(), "shown": charts.SHOWN,
+                "room": charts.ROOM,
                 "time": charts.encoded(time) if time is not None else [], "charts": told}
 
     def _keep(self, chart):
