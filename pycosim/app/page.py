@@ -19,6 +19,11 @@ from .jobs import Cancelled, Job
 from .mapping import wanted
 from .workbench import Workbench
 
+PRIMARY = "#2b6ea6"  # 5.3 to white, as text and as ground
+# NiceGUI resizes a chart that a tab has hidden meanwhile, and Plotly refuses; that is no fault of the page
+HIDDEN_CHARTS = """<script>
+addEventListener("unhandledrejection", e => { if (/displayed plot div/.test(e.reason)) e.preventDefault(); });
+</script>"""
 CARDS, DRAWN = 12, 3  # candidates that are listed, and of these with their signature
 NONE = "(not in the log)"
 
@@ -33,6 +38,8 @@ class Page:
 
     def __init__(self, bench):
         self.bench, self.job = bench, None
+        ui.add_head_html(HIDDEN_CHARTS)
+        ui.colors(primary=PRIMARY)
         self.dark = ui.dark_mode()
         self.window, self.timeline, self.pick, self.log, self.draft = None, None, {}, None, None
         self._header()
@@ -42,14 +49,14 @@ class Page:
             self.summary()
             with ui.tabs().props('aria-label="Steps"') as tabs:
                 names = [ui.tab(n) for n in ("Data", "Comparison", "Effects", "Export")]
-            panels = ui.tab_panels(tabs, value=names[1 if bench.steps else 0], keep_alive=True)
+            panels = ui.tab_panels(tabs, value=names[1 if bench.steps else 0])
             with panels.classes("w-full bg-transparent"):
                 for name, part in zip(names, (self.data, self.comparison, self.effects, self.export)):
                     with ui.tab_panel(name):
                         part()
 
     def _header(self):
-        with ui.header().classes("items-center justify-between").style("background: #0b4f7d"):
+        with ui.header().classes("items-center justify-between").style("background: #0b4f7d").props("elevated"):
             ui.label("pycosim").classes("text-xl").props('role=heading aria-level=1')
             with ui.row().classes("items-center"):
                 self.state = ui.label("ready").props('role=status aria-live=polite')
@@ -168,7 +175,7 @@ class Page:
             if step.held_out_error:
                 held_out = ui.label(f"held-out {results.errors_text(step.held_out_error)}").classes("font-bold")
                 held_out.props("data-held-out")
-            undo = ui.button("Undo", on_click=self._undo).props("outline")
+            undo = ui.button("Undo", on_click=self._undo)
             undo.set_enabled(len(self.bench.steps) > 1)
 
     @ui.refreshable_method
