@@ -9,7 +9,7 @@ import pytest
 
 from pycosim.study import load_study
 
-LONG = 180_000  # ms; two noisy cores
+LONG = 25_000  # ms; two noisy cores
 
 
 def held_out(page):
@@ -23,7 +23,7 @@ def tab(page, name):
 
 def charted(page):
     """Wait for a chart with data."""
-    page.locator(".js-plotly-plot .trace path, .js-plotly-plot .point path").first.wait_for(timeout=LONG)
+    page.locator(".js-plotly-plot .trace path").first.wait_for(state="attached", timeout=LONG)
 
 
 def test_add_lowers_the_held_out_error_and_undo_brings_it_back(app, page, study):
