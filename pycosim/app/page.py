@@ -34,13 +34,13 @@ class Page:
     Parameters
     ----------
     bench : Workbench
+    dark : bool
+        The reader's theme.
     """
 
-    def __init__(self, bench):
+    def __init__(self, bench, dark):
         self.bench, self.job = bench, None
-        ui.add_head_html(HIDDEN_CHARTS)
-        ui.colors(primary=PRIMARY)
-        self.dark = ui.dark_mode()
+        self.dark = ui.dark_mode(dark)
         self.window, self.timeline, self.pick, self.log, self.draft = None, None, {}, None, None
         self._header()
         with ui.element("main").classes("w-full max-w-screen-xl mx-auto p-4"):
@@ -64,12 +64,6 @@ class Page:
                 self.cancel.set_visibility(False)
                 ui.button("Light or dark", on_click=self._toggle).props("flat color=white")
         ui.timer(0.3, self._tick)
-
-    async def start(self):
-        """Take the reader's theme."""
-        await ui.context.client.connected()
-        self.dark.value = bool(await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches"))
-        self.refresh()
 
     @property
     def theme(self):
@@ -463,7 +457,10 @@ def serve(study, data, folder, port, show):
 
     @ui.page("/", title="pycosim")
     async def index():
-        await Page(bench).start()
+        ui.add_head_html(HIDDEN_CHARTS)
+        ui.colors(primary=PRIMARY)
+        await ui.context.client.connected()
+        Page(bench, bool(await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")))
 
     # what is computed holds the interpreter for seconds at a time; a browser must not take that for a lost connection
     ui.run(host="127.0.0.1", port=port, show=show, reload=False, show_welcome_message=False, reconnect_timeout=120.0)

@@ -95,4 +95,8 @@ def app(study, tmp_path):
     yield start
     for process in started:
         process.terminate()
-        process.wait(30)
+        try:
+            process.wait(5)
+        except subprocess.TimeoutExpired:
+            process.kill()  # an open page can hold the server
+            process.wait(30)
