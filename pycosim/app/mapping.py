@@ -50,7 +50,8 @@ def suggest(header, model):
     Returns
     -------
     dict of str to Column
-        By the column's name; each variable once, and none where no name is alike.
+        By the column's name; each variable once, and none where no name is alike. A current lacks its k_m, which no
+        name tells.
     """
     found, left = {}, dict(wanted(model))
     scored = sorted(((_likeness(name, variable), -k, name, variable) for k, name in enumerate(header)
@@ -60,7 +61,7 @@ def suggest(header, model):
             unit, _ = left.pop(variable)
             stated = _stated(name)
             current = variable.endswith(".tau") and (stated in ("A", "mA") or bool(_words(name) & set(CURRENTS)))
-            found[name] = Column(variable, (stated or "A") if current else (stated or unit), 1.0 if current else None)
+            found[name] = Column(variable, stated or ("A" if current else unit))
     return found
 
 

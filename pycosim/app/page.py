@@ -9,7 +9,7 @@ from nicegui import run, ui
 
 from .. import results
 from ..compare import worded
-from ..compile import find_effect
+from ..compile import compile_model, find_effect
 from ..dependence import noise_floor
 from ..errors import PycosimError
 from ..report import charts
@@ -198,8 +198,7 @@ class Page:
         rig = self.draft.rig
         ui.select({v: k for k, v in known.items()}, value=rig, label="Rig",
                   on_change=lambda e: self._suggest(e.value)).classes("w-64")
-        model = self.draft.validate(self.bench.library)
-        header, by = self.bench.header(self.log), {c.variable: (n, c) for n, c in self.draft.columns.items()}
+        model, by = compile_model(self.bench.library, rig), {c.variable: (n, c) for n, c in self.draft.columns.items()}
         self.pick = {}
         with ui.grid(columns="auto auto auto auto").classes("items-center"):
             for title in ("variable", "column of the log", "unit there", "k_m [N.m/A], of a current"):
@@ -208,7 +207,7 @@ class Page:
                 name, column = by.get(variable, (NONE, Column(variable, unit)))
                 ui.label(f"{variable} [{unit}], {role}")
                 self.pick[variable] = (
-                    ui.select([NONE, *header], value=name).props(f'dense aria-label="Column of {variable}"'),
+                    ui.select([NONE, *self.columns], value=name).props(f'dense aria-label="Column of {variable}"'),
                     ui.input(value=column.unit).props(f'dense aria-label="Unit of {variable}"'),
                     ui.number(value=column.k_m).props(f'dense aria-label="k_m of {variable}"')
                     if variable.endswith(".tau") else None)
@@ -315,7 +314,6 @@ class Page:
             yield f"What would decide: {told['experiment']}."
 
     def _signature(self, finding):
-        from ..compile import compile_model
         step = self.bench.step
         attached = [(e.id, p.name) for e, p in step.model.attached]
         model = compile_model(self.bench.library, step.model.rig, [*attached, finding.key])
@@ -358,12 +356,13 @@ class Page:
                 self.refresh()
             return
         self.log = path
-        self._suggest(next(iter(rigs(self.bench.library).values())))
+        self._suggest()
 
-    def _suggest(self, rig):
+    def _suggest(self, rig=None):
         try:
             self.fail("")
-            self.draft = self.bench.suggested(self.log, rig)
+            self.columns = self.bench.header(self.log)
+            self.draft = self.bench.suggested(self.log, rig or self.bench.likely_rig(self.log))
         except PycosimError as error:
             self.log = None
             self.fail(str(error))

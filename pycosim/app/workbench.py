@@ -21,9 +21,9 @@ from ..improve import step_of
 from ..measurements import load
 from ..readers import read_table
 from ..report import values
-from ..start import first_parameters
+from ..start import first_parameters, rigs
 from ..study import Setting, Study, load_study, write_study
-from .mapping import suggest
+from .mapping import suggest, wanted
 
 FEW = 200  # samples below which a region says nothing
 
@@ -113,6 +113,33 @@ class Workbench:
         PycosimError
         """
         return read_table(Path(path), None, set(), "").header
+
+    def likely_rig(self, path):
+        """The rig whose needed and compared variables a log's columns name best.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        str
+            Modelica class.
+
+        Raises
+        ------
+        PycosimError
+        """
+        header, best = self.header(path), {}
+        for rig in rigs(self.library).values():
+            try:
+                model = compile_model(self.library, rig)
+                asked = [n for n, (_, role) in wanted(model).items() if role != "optional"]
+            except PycosimError:  # a rig that cannot be asked for joint torques
+                continue
+            named = {c.variable for c in suggest(header, model).values()}
+            best[rig] = sum(n in named for n in asked), -sum(n not in named for n in asked)
+        return max(best, key=best.get)
 
     def suggested(self, path, rig):
         """A study for a log that has none, by the names of its columns.
