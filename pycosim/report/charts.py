@@ -165,7 +165,7 @@ def label(dataset, name):
     if name == "cycle":
         return "angle within a cycle [rad]"
     unit = unit_of(dataset, name)
-    return f"{channel_name(name) if name in dataset.channels else worded(name)} [{unit}]"
+    return f"{f'½ Δ{name[:-5]}' if name.endswith('_pair') else worded(name)} [{unit}]"
 
 
 def channel_name(channel):
