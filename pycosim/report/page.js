@@ -67,7 +67,7 @@
       if (trace.meta === "signal") return { ...made, ...thinned(x, y, from(chart), to(chart), payload.shown * 2) };
       if (trace.meta === "names") {  // names only while there is room for them
         const inside = x.filter(v => v >= from(chart) && v <= to(chart)).length;
-        return { ...made, visible: true, mode: inside <= payload.room ? "text" : "markers", marker: { size: 3 } };
+        return { ...made, visible: true, mode: inside <= payload.room ? "text" : "markers", marker: { size: 3, color: payload.themes[theme()]["@muted"] } };
       }
       return { ...made, x, y };
     });
