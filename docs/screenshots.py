@@ -78,7 +78,7 @@ def wait(address):
 
 if __name__ == "__main__":
     with sync_playwright() as tool:
-        chromium = tool.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"])
+        chromium = tool.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         report(chromium, Path(sys.argv[1]))
         app(chromium, Path(sys.argv[1]))
         chromium.close()

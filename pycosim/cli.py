@@ -14,6 +14,7 @@ import tempfile
 import time
 import traceback
 import warnings
+from functools import partial
 from pathlib import Path
 
 from . import __version__
@@ -205,6 +206,10 @@ class Progress:
         return self
 
     def __exit__(self, *_):
+        self.stop()
+
+    def stop(self):
+        """Say no more."""
         if self.status:
             self.status.stop()
 
@@ -669,7 +674,7 @@ def _demo(arguments, progress):
     return out
 
 
-def _app(arguments):
+def _app(arguments, progress):
     """Serve the app until Ctrl-C."""
     try:
         from .app.page import serve
@@ -678,9 +683,9 @@ def _app(arguments):
             raise
         raise UsageError("the app needs nicegui; pip install 'pycosim-drivetrain[app]'") from None
     name = Path(arguments.study).stem if arguments.study else "study"
-    if not arguments.quiet:
-        print(f"http://127.0.0.1:{arguments.port} until Ctrl-C", flush=True)
-    serve(arguments.study, arguments.data, arguments.out or f"{name}_app", arguments.port, not arguments.no_browser)
+    out = arguments.out or f"{name}_app"
+    say = (lambda text: None) if arguments.quiet else partial(print, flush=True)
+    serve(arguments.study, arguments.data, out, arguments.port, not arguments.no_browser, progress, say)
 
 
 # --- co-simulation --------------------------------------------------------------------------------------------------
@@ -759,7 +764,7 @@ def run_verb(arguments, progress):
     if arguments.verb == "cosim":
         return _cosim(arguments, progress)
     if arguments.verb == "app":
-        _app(arguments)
+        _app(arguments, progress)
         return ""
     run = Run(arguments, progress)
     if arguments.verb == "add":

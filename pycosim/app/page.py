@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from ..start import rigs
 from ..study import Column
 from .jobs import Cancelled, Job
 from .mapping import wanted
-from .workbench import Workbench
+from .workbench import Given, Workbench
 
 PRIMARY = "#2b6ea6"  # 5.3 to white, as text and as ground
 # NiceGUI resizes a chart that a tab has hidden meanwhile, and Plotly refuses; that is no fault of the page
@@ -431,7 +432,27 @@ class Page:
             ui.download.file(made)
 
 
-def serve(study, data, folder, port, show):
+def refuse_taken(port):
+    """Refuse a port that another program serves.
+
+    Parameters
+    ----------
+    port : int
+
+    Raises
+    ------
+    Given
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except (OSError, OverflowError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise Given(f"port {port} cannot be used ({why}); name another one with --port N") from None
+
+
+def serve(study, data, folder, port, show, progress, say):
     """Serve the page until it is interrupted.
 
     Parameters
@@ -444,15 +465,22 @@ def serve(study, data, folder, port, show):
     port : int
     show : bool
         Whether to open a browser.
+    progress : Progress
+        Told what is done until the page is there.
+    say : callable
+        Told the address then.
 
     Raises
     ------
     PycosimError
-        The given study cannot be used.
+        The given study cannot be used, or the port is taken.
     """
     bench = Workbench(folder)
+    refuse_taken(port)
     if study is not None:
-        bench.open(study, data)
+        bench.open(study, data, progress)
+    progress.stop()
+    say(f"http://127.0.0.1:{port} until Ctrl-C")
 
     @ui.page("/", title="pycosim")
     async def index():

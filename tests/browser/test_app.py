@@ -9,7 +9,7 @@ import pytest
 
 from pycosim.study import load_study
 
-LONG = 25_000  # ms; two noisy cores
+LONG = 90_000  # ms; two noisy cores
 
 
 def held_out(page):

@@ -1,10 +1,13 @@
 """Claims about the app without a page: columns are suggested by name, steps go forth and back, the study stays."""
 
+import socket
+
 import pytest
 
 from pycosim import demo, results
 from pycosim.app.mapping import suggest
 from pycosim.app.workbench import Given, Workbench
+from pycosim.cli import main
 from pycosim.compile import Library, compile_model
 from pycosim.errors import PycosimError
 from pycosim.study import load_study
@@ -81,3 +84,16 @@ def test_work_that_fails_leaves_what_was_there(study, tmp_path):
     with pytest.raises(PycosimError):
         bench.open(tmp_path / "none.toml")
     assert bench.step is step
+
+
+def test_the_command_line_refuses_a_taken_port_and_a_bad_study(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        assert main(["app", "--port", port, "--no-browser"]) == 2
+        told = capsys.readouterr().err
+        assert f"port {port} cannot be used" in told and told.count("\n") == 1
+    assert main(["app", "none.toml", "--port", port, "--no-browser"]) == 2
+    assert "no study none.toml" in capsys.readouterr().err
