@@ -14,6 +14,7 @@ import tempfile
 import time
 import traceback
 import warnings
+from functools import partial
 from pathlib import Path
 
 from . import __version__
@@ -36,6 +37,12 @@ VERBS = {
             "Without a place, every place is tried and the best by cross-validation is taken."),
     "improve": ("diagnose, add, refit, until nothing is left to learn", "ladder.json",
                 "pycosim improve study.toml --data run1.csv", ""),
+    "report": ("the search as one HTML page, to zoom and to pass on", "ladder.json",
+               "pycosim report study.toml --data run1.csv",
+               "Searches as improve does. The page opens offline; its numbers are in data/, its figures for print in "
+               "figures/."),
+    "app": ("the same loop in a browser: compare, diagnose, add, undo, export", None, "pycosim app study.toml",
+            "Serves a page on this machine alone, until Ctrl-C. Without a study, drop a log in and map its columns."),
     "export": ("the identified machine as an FMU, C, Modelica, SSP, MJCF or JSON, for other tools", "export.json",
                "pycosim export study.toml --to fmu --fmi 3 --platforms all",
                "The study's values and effects are taken as they are; no log is read."),
@@ -47,7 +54,9 @@ WRITES = {
     "compare": ("comparison.json",), "identify": ("parameters.json",), "diagnose": ("diagnosis.json",),
     "add": ("study.toml", "parameters.json", "comparison.json"),
     "improve": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
-                "study.toml", "model.mo"),
+                "study.toml", "model.mo", "report.html"),
+    "report": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
+               "study.toml", "model.mo", "report.html"),
     "export": ("export.json",), "cosim": ("cosim.json", "run.csv", "checkpoint.zip"),
 }
 # option of export: what it may be, what it is when not given, what it means
@@ -109,7 +118,10 @@ def build_parser():
             sub.add_argument("--until", type=float, metavar="T", help="stop at this time [s], with a checkpoint")
             sub.add_argument("--resume", metavar="FILE", help="go on from this checkpoint")
         elif verb != "demo":
-            sub.add_argument("study", metavar="STUDY", help="study file (TOML)")
+            sub.add_argument("study", metavar="STUDY", help="study file (TOML)", nargs="?" if verb == "app" else None)
+        if verb == "app":
+            sub.add_argument("--port", type=int, default=8080, metavar="N", help="port of the page (default: 8080)")
+            sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
         if verb == "add":
             sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
         for option, (choices, usual, meaning) in (EXPORT if verb == "export" else {}).items():
@@ -130,6 +142,7 @@ def build_parser():
 def _rigs(**_):
     """Short names of the rigs, for a shell that completes them."""
     from .compile import Library
+    from .start import rigs
     return list(rigs(Library()))
 
 
@@ -166,6 +179,7 @@ def parse(argv):
         known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
         known += EXPORT if known and arguments.verb == "export" else []
         known += ["--until", "--resume"] if known and arguments.verb == "cosim" else []
+        known += ["--port", "--no-browser"] if known and arguments.verb == "app" else []
         raise UsageError(f"unknown {what} '{unknown[0]}'{closest(unknown[0], known)}; "
                          f"see 'pycosim {arguments.verb or ''} --help'".replace("  ", " "))
     if arguments.verb is None and argv:
@@ -192,6 +206,10 @@ class Progress:
         return self
 
     def __exit__(self, *_):
+        self.stop()
+
+    def stop(self):
+        """Say no more."""
         if self.status:
             self.status.stop()
 
@@ -215,7 +233,7 @@ class Run:
         from .study import load_study
 
         self.progress, self.results, self.verb = progress, results, arguments.verb
-        self.study = load_study(arguments.study)
+        self.study, self.given = load_study(arguments.study), arguments.data
         if arguments.data:
             self.study = self.study.with_data(arguments.data)
         self.library = Library(self.study.modelica)
@@ -325,13 +343,26 @@ class Run:
         Parameters
         ----------
         function : str
-            Of `pycosim.figures`.
+            Of `pycosim.report.figures`.
         *arguments
             Its arguments after folder and data set.
         """
-        from . import figures
+        from .report import figures
         self.progress("drawing")
         getattr(figures, function)(self.folder.temporary, self.dataset, *arguments)
+
+    def page(self, found):
+        """The report of a search, and for its own verb the numbers behind it.
+
+        Parameters
+        ----------
+        found : Improvement
+        """
+        from .report.page import write_numbers, write_report
+        self.progress("writing the report")
+        charts = write_report(self.folder.file("report.html"), self.dataset, found, again(self.study, self.given))
+        if self.verb == "report":
+            write_numbers(self.folder.file("data"), charts)
 
 
 # --- verbs ----------------------------------------------------------------------------------------------------------
@@ -391,6 +422,7 @@ def _improve(run, arguments):
     parameters = run.write_model(found.model, found.fit)
     run.write("model.mo", found.model.text.rstrip("\n") + "\n")
     run.draw("write_figures", found)
+    run.page(found)
     run.lines += run.results.summary_improvement(first, last, steps, parameters, run.library)
     run.lines += run.results.summary_parameters(parameters)
 
@@ -405,8 +437,25 @@ def _export(run, arguments):
     run.lines += done.lines
 
 
+def again(study, data):
+    """The command that makes a report of this study.
+
+    Parameters
+    ----------
+    study : Study
+    data : list of str or None
+        Logs given instead of the study's.
+
+    Returns
+    -------
+    str
+    """
+    import shlex
+    return shlex.join(["pycosim", "report", study.path.name, *(["--data", *data] if data else [])])
+
+
 VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve,
-        "export": _export}
+        "report": _improve, "export": _export}
 
 
 def checked_effect(run, text):
@@ -543,21 +592,6 @@ def _new(arguments):
     return path
 
 
-def rigs(library):
-    """Rigs of a library.
-
-    Parameters
-    ----------
-    library : Library
-
-    Returns
-    -------
-    dict of str to str
-        Full name by short name.
-    """
-    return {n.rsplit(".", 1)[-1]: n for n in library.walk() if ".Rigs." in n}
-
-
 def find_rig(library, name):
     """Full name of a rig, from its full or its short name.
 
@@ -574,6 +608,7 @@ def find_rig(library, name):
     ------
     UnknownNameError
     """
+    from .start import rigs
     known = rigs(library)
     if name in known or name in known.values():
         return known.get(name, name)
@@ -596,6 +631,7 @@ def template(library, rig, runs):
     str
     """
     from .compile import catalogue, compile_model, places
+    from .start import first_parameters
     from .study import _toml
     model = compile_model(library, rig)
     wanted, known = model.alternatives("estimate")[0]
@@ -604,7 +640,7 @@ def template(library, rig, runs):
     yield f"# Next: pycosim improve {rig.rsplit('.', 1)[-1]}.toml --data my_log.csv"
     yield f"\n[rig]\nmodel = {_toml(rig)}"
     yield "\n[parameters]                 # SI units; fixed = false is fitted, the others are the rig's defaults"
-    open_ones = list(_free(model, question))
+    open_ones = first_parameters(model, question)
     for name in [*open_ones, *sorted(set(question.parameters) - set(open_ones))]:
         p = model.parameters[name]
         fixed = name not in open_ones
@@ -643,19 +679,6 @@ def _other_columns(known):
     yield '"temperature" = { variable = "temperature", unit = "degC" }  # optional'
 
 
-def _free(model, question):
-    """Parameters that a first fit should find: friction of the segments, and effects that the rig already holds."""
-    base = {n.split(".")[0] for n in model.parameters}
-    effects = [n for n in base if any(n.endswith(f"_{c}") for c in model.segments)]
-    for name in question.parameters:
-        component, _, short = name.rpartition(".")
-        if component in model.segments and short in ("f0", "mu"):
-            if short == "f0" or model.parameters[name].value != 1.0:  # mu = 1: the rig's base has no load term
-                yield name
-        elif component in effects:
-            yield name
-
-
 def _demo(arguments, progress):
     if arguments.data:
         raise UsageError("demo makes its own log; for yours: pycosim improve STUDY --data FILE")
@@ -663,6 +686,20 @@ def _demo(arguments, progress):
     out = Path(arguments.out or "demo")
     demo.run(out, arguments.quiet or arguments.json, progress)
     return out
+
+
+def _app(arguments, progress):
+    """Serve the app until Ctrl-C."""
+    try:
+        from .app.page import serve
+    except ModuleNotFoundError as error:
+        if error.name != "nicegui":
+            raise
+        raise UsageError("the app needs nicegui; pip install 'pycosim-drivetrain[app]'") from None
+    name = Path(arguments.study).stem if arguments.study else "study"
+    out = arguments.out or f"{name}_app"
+    say = (lambda text: None) if arguments.quiet else partial(print, flush=True)
+    serve(arguments.study, arguments.data, out, arguments.port, not arguments.no_browser, progress, say)
 
 
 # --- co-simulation --------------------------------------------------------------------------------------------------
@@ -740,6 +777,9 @@ def run_verb(arguments, progress):
         return (out / VERBS["demo"][1]).read_text(encoding="utf-8") if arguments.json else ""
     if arguments.verb == "cosim":
         return _cosim(arguments, progress)
+    if arguments.verb == "app":
+        _app(arguments, progress)
+        return ""
     run = Run(arguments, progress)
     if arguments.verb == "add":
         run.effect = checked_effect(run, arguments.effect)

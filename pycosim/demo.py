@@ -13,10 +13,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from . import compare, figures, identify, results
+from . import compare, identify, results
 from .compile import ArrayFunction, Library, compile_model, component_name
 from .dataset import Dataset
 from .improve import improve
+from .report import figures
+from .report.page import write_report
 from .simulate import compensate
 from .study import load_study, write_study
 from .trajectories import manoeuvre_motion
@@ -34,7 +36,7 @@ RATE, REPEATS, LONGEST = 100.0, 2, 3.5  # Hz; of every pass; of a pass [s]
 QUANTUM = 2 * np.pi / 2 ** 14  # encoder step [rad]
 WHITE, SLOW, SLOW_TIME = 6e-3, 2.4e-3, 1.0  # noise of a motor torque [N.m], [N.m], [s]
 FILES = ("run.csv", "study.toml", "hidden.json", "comparison.json", "diagnosis.json", "diagnosis_final.json",
-         "ladder.json", "parameters.json", "improved.toml", "model.mo")
+         "ladder.json", "parameters.json", "improved.toml", "model.mo", "report.html")
 
 STUDY = """\
 # A hip-knee actuation, its friction to be fitted, and one log. What is missing in the model?
@@ -99,6 +101,7 @@ def run(out, quiet=False, progress=None):
         _tell(folder, found, library, say)
         progress("drawing")
         figures.write_figures(folder.temporary, dataset, found)
+        write_report(folder.file("report.html"), dataset, found, "pycosim report study.toml")
     say(f"Took {clock.monotonic() - began:.0f} s. Everything is in {out}: {folder.listed}.",
         f"The same on the log alone: pycosim improve {out / 'study.toml'}")
     return found
