@@ -201,6 +201,7 @@ class _Plant(_InProcess):
         _known(c.start, d.start, f"state of {model.rig}")
         given.update(c.parameters)
         self.p = np.array([given[n] for n in d.parameters])
+        self.q = np.array(d.prepare(self.p)).ravel()
         sizes = len(d.states), len(d.algebraic), len(d.algebraic), len(d.inputs), 1, 1
         # as in the FMU: z starts the next step, now fits what is read, and fresh says that it does
         self.x, self.z, self.now, self.u, self.time, self.fresh = map(np.zeros, sizes)
@@ -228,7 +229,7 @@ class _Plant(_InProcess):
         """Algebraic variables that fit states and inputs."""
         if self.fresh[0]:
             return
-        self.now[:] = self.initial(self.x, self.z, self.u, self.p, self.time)[0]
+        self.now[:] = self.initial(self.x, self.z, self.u, self.q, self.time)[0]
         if not np.isfinite(self.now).all():
             raise CosimulationError(f"the loads have no solution at t = {self.time[0]:g} s; check that every joint has "
                                     "inertia")
@@ -247,7 +248,7 @@ class _Plant(_InProcess):
         count = max(1, math.ceil(h / self.longest - 1e-6))
         part = h / count
         for k in range(count):
-            x, z, *error = self.step(self.x, self.z, self.u, self.u, self.p, t + k * part, part)
+            x, z, *error = self.step(self.x, self.z, self.u, self.u, self.q, t + k * part, part)
             if not np.isfinite(x).all() or (error and not error[0][0] <= 1):
                 raise CosimulationError(f"no solution for the step from t = {t + k * part:g} s; check that every joint "
                                         f"has inertia, and take a step below {self.longest:g} s")

@@ -50,7 +50,7 @@ double bare(int n) {
     for (int k = 0; k < n; k++) {
         m->s.u[0] = torque(k);
         t = k * h;
-        const double *in[] = {m->s.x, m->s.z, m->s.u, m->s.u, m->s.p, &t, &h};
+        const double *in[] = {m->s.x, m->s.z, m->s.u, m->s.u, m->q, &t, &h};
         memcpy(m->arg, in, sizeof in);
         double error;
         m->res[0] = m->x_next, m->res[1] = m->z_next, m->res[2] = &error;
@@ -111,14 +111,14 @@ class Plant(Fmi3Slave):
         self.time, self.tau1, self.q_H = 0.0, 0.0, 0.0
         self.f = ca.Function.load(str(Path(self.resources) / "step.casadi"))
         data = np.load(Path(self.resources) / "start.npz")
-        self.x, self.z, self.p = data["x"], data["z"], data["p"]
+        self.x, self.z, self.q = data["x"], data["z"], data["q"]
         self.register_variable(Float64("time", causality=Fmi3Causality.independent))
         self.register_variable(Float64("tau1", causality=Fmi3Causality.input))
         self.register_variable(Float64("q_H", causality=Fmi3Causality.output))
 
     def do_step(self, t, h):
         u = [self.tau1, 0.0, 0.0, 0.0]
-        self.x, self.z = self.f(self.x, self.z, u, u, self.p, t, h)[:2]
+        self.x, self.z = self.f(self.x, self.z, u, u, self.q, t, h)[:2]
         self.q_H = float(self.x[2])
         return Fmi3StepResult(status=Fmi3Status.ok)
 '''
@@ -173,10 +173,10 @@ def in_python(model, folder):
     d = dynamics(model)
     folder = Path(folder)
     d.step.save(str(folder / "step.casadi"))
-    p = np.array([model.parameters[n].value for n in d.parameters])
+    q = np.array(d.prepare([model.parameters[n].value for n in d.parameters])).ravel()
     x = np.zeros(len(d.states))
-    z = np.array(d.initial(x, np.zeros(len(d.algebraic)), np.zeros(len(d.inputs)), p, 0)).ravel()
-    np.savez(folder / "start.npz", x=x, z=z, p=p)
+    z = np.array(d.initial(x, np.zeros(len(d.algebraic)), np.zeros(len(d.inputs)), q, 0)).ravel()
+    np.savez(folder / "start.npz", x=x, z=z, q=q)
     (folder / "plant.py").write_text(_PYTHON)
     done = subprocess.run([sys.executable, "-m", "pythonfmu3", "build", "-f", "plant.py", "step.casadi", "start.npz"],
                           cwd=folder, capture_output=True, text=True)
