@@ -229,7 +229,9 @@ def _settle(newton, chord, tolerance):
     rescue = _repeated("rescue", _damped(newton), _RESCUE, tolerance)
     more = _guarded("more", _repeated("plain", newton, _PLAIN, tolerance, rescue), tolerance)
     y, _, _, slope = newton(y, *rest)
+    again = _guarded("chord_again", chord, tolerance)
     y, size = chord(y, slope, *rest)
+    y, size = again(size, y, slope, *rest)
     return ca.Function("settle", arguments, more(size, y, *rest))
 
 
