@@ -77,7 +77,7 @@ class System:
             ``(y, x0, base, mean, c, u, q, t) -> y, size, miss, slope``: with the correction's relative size, by how
             much the equations failed before it, and their Jacobian.
         chord : casadi.Function
-            ``(y, slope, x0, base, mean, c, u, q, t) -> y, size``: a correction with a given Jacobian.
+            ``(y, slope, x0, base, mean, c, u, q, t) -> y, size, miss``: a correction with a given Jacobian.
         place : casadi.Function
             ``(y, x0, base, mean, c, u, q, t) -> x``
         """
@@ -87,13 +87,13 @@ class System:
         residual = ca.substitute(self.residual, self.x, x)
         slope, given = ca.densify(_jacobian(residual, y)), ca.SX.sym("slope", y.numel(), y.numel())
         (u, p, t), newton, chord = self.known, _corrected(y, slope, residual), _corrected(y, given, residual)
-        found, symbols, values = _prepare([*newton, ca.sumsqr(residual), slope, *chord, x], p)
+        found, symbols, values = _prepare([*newton, slope, *chord, x], p)
         symbols, values = ca.vertcat(p, symbols), ca.vertcat(p, values)
         arguments = [x0, base, mean, c, u, symbols, t]
         found[3] = ca.reshape(found[3], *slope.shape)
         return (ca.Function("prepare", [p], [values]), ca.Function("newton", [y, *arguments], ca.cse(found[:4])),
-                ca.Function("chord", [y, given, *arguments], ca.cse(found[4:6])),
-                ca.Function("place", [y, *arguments], found[6:]))
+                ca.Function("chord", [y, given, *arguments], ca.cse(found[4:7])),
+                ca.Function("place", [y, *arguments], found[7:]))
 
     def _place(self, x0, base, mean, c):
         """States of a stage."""
@@ -116,11 +116,11 @@ def _advances(rate, x, p):
 
 
 def _corrected(y, slope, residual):
-    """Unknowns after a correction, and its relative size."""
+    """Unknowns after a correction, its relative size, and by how much the equations failed before it."""
     if not y.numel():
-        return [y, ca.SX(0)]
+        return [y, ca.SX(0), ca.SX(0)]
     change = solve_small(slope, residual)
-    return [y - change, ca.norm_inf(change / (1 + ca.fabs(y)))]
+    return [y - change, ca.norm_inf(change / (1 + ca.fabs(y))), ca.sumsqr(residual)]
 
 
 def _jacobian(expression, y):
@@ -199,15 +199,15 @@ def _rebuild(expression, rule=lambda *_: None):
     return ca.vertcat(*result, ca.SX(0, 1))
 
 
-def _damped(newton):
+def _damped(newton, chord):
     """A correction, shortened to the share after which the equations fail least."""
     arguments = newton.mx_in()
-    y = arguments[0]
-    full, size, *_ = newton(*arguments)
+    y, *rest = arguments
+    full, size, _, slope = newton(*arguments)
     best, least = full, ca.MX.inf()
     for share in _SHARES:
         trial = y + share * (full - y)
-        miss = newton(trial, *arguments[1:])[2]
+        miss = chord(trial, slope, *rest)[2]
         best, least = ca.if_else(miss < least, trial, best), ca.fmin(miss, least)
     return ca.Function("damped", arguments, [best, size])
 
@@ -226,11 +226,11 @@ def _settle(newton, chord, tolerance):
     """``(y, ...) -> y, size``: corrections until they are small."""
     arguments = newton.mx_in()
     y, *rest = arguments
-    rescue = _repeated("rescue", _damped(newton), _RESCUE, tolerance)
+    rescue = _repeated("rescue", _damped(newton, chord), _RESCUE, tolerance)
     more = _guarded("more", _repeated("plain", newton, _PLAIN, tolerance, rescue), tolerance)
     y, _, _, slope = newton(y, *rest)
     again = _guarded("chord_again", chord, tolerance)
-    y, size = chord(y, slope, *rest)
+    y, size, _ = chord(y, slope, *rest)
     y, size = again(size, y, slope, *rest)
     return ca.Function("settle", arguments, more(size, y, *rest))
 
