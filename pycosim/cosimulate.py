@@ -28,7 +28,9 @@ import signal
 import sys
 import tempfile
 import threading
+import time as clock
 import zipfile
+import zlib
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
@@ -80,7 +82,7 @@ class Cosimulation:
     description: dict
 
 
-def cosimulate(scenario, until=None, resume=None, progress=None, library=None, stop=None):
+def cosimulate(scenario, until=None, resume=None, progress=None, library=None, stop=None, save=None, every=60.0):
     """Step the components of a scenario together.
 
     Parameters
@@ -95,6 +97,10 @@ def cosimulate(scenario, until=None, resume=None, progress=None, library=None, s
     library : Library, optional
     stop : callable, optional
         Called at every instant; true ends the run there, as Ctrl-C does.
+    save : callable, optional
+        Called with a checkpoint on the way, for what ends a run without asking.
+    every : float
+        Seconds, by the clock on the wall, from one such checkpoint to the next.
 
     Returns
     -------
@@ -115,7 +121,19 @@ def cosimulate(scenario, until=None, resume=None, progress=None, library=None, s
         master = _Master(scenario, library or Library(), stack, progress or (lambda text: None))
         if resume is not None:
             master.restore(resume)
-        return master.run(until, stop or (lambda: False))
+        return master.run(until, stop or (lambda: False), _saving(save, every))
+
+
+def _saving(save, every):
+    """``(master)``: hands a checkpoint on when it is time to."""
+    last = clock.monotonic()
+
+    def check(master):
+        nonlocal last
+        if save is not None and clock.monotonic() - last >= every:
+            save(master.checkpoint())
+            last = clock.monotonic()
+    return check
 
 
 # --- components ------------------------------------------------------------------------------------------------------
@@ -662,8 +680,8 @@ class _Master:
 
     # --- running ---
 
-    def run(self, until, stop):
-        """Up to the end, or to where it is stopped."""
+    def run(self, until, stop, saving):
+        """Up to the end, or to where it is stopped; checkpoints on the way."""
         last = self.end if until is None else min(self.end, math.floor(until * float(self.rate) + 1e-6))
         said = -math.inf
         with _interrupts() as interrupted, _named(self.scenario, lambda: self.current):
@@ -673,6 +691,7 @@ class _Master:
                 self._advance()
                 self.tick = min(self._next(self.tick), self.end)
                 self._instant()
+                saving(self)
                 if self._time(self.tick) >= said + 0.01 * self._time(self.end):
                     said = self._time(self.tick)
                     self.progress(f"t = {said:.2f} of {self._time(self.end):g} s")
@@ -793,7 +812,7 @@ def _opened(data):
         if found["format"] != _FORMAT:
             raise ValueError
         return found
-    except (zipfile.BadZipFile, KeyError, ValueError, OSError, EOFError):
+    except (zipfile.BadZipFile, zlib.error, KeyError, ValueError, OSError, EOFError, RuntimeError):
         raise ScenarioError("the checkpoint is damaged, or was written by another version; start anew without "
                             "--resume") from None
 
