@@ -26,8 +26,8 @@ MACHINE = {  # Nobili et al., identified friction of the hip-knee actuation; f0 
 # With the model's default travel, presliding would be a second hidden effect; and it would be found.
 RIGID = {f"s{p}.travel": 1e-4 for p in ("1A", "2A", "1B", "2B")}  # rad; a quarter of the encoder's step
 LONGEST = 2.0  # of a pass [s]
-FILES = ("run.csv", "study.toml", "machine.toml", "scenario.toml", "hidden.json", "comparison.json", "diagnosis.json", "diagnosis_final.json",
-         "ladder.json", "parameters.json", "improved.toml", "model.mo")
+FILES = ("run.csv", "study.toml", "machine.toml", "scenario.toml", "hidden.json", "comparison.json", "diagnosis.json",
+         "diagnosis_final.json", "ladder.json", "parameters.json", "improved.toml", "model.mo")
 
 MACHINE_FILE = """\
 # The machine that made run.csv: the rig of the study, with an effect that the study does not have.

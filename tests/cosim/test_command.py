@@ -68,7 +68,8 @@ def test_a_run_that_is_killed_leaves_a_checkpoint_beside_its_folder(here):
     child.kill()
     child.wait()
     assert not (here / "out").exists()
-    assert main(["cosim", "joint.toml", "--quiet", "--out", "out", "--resume", str(left), "--checkpoint-every", "1"]) == 0
+    assert main(["cosim", "joint.toml", "--quiet", "--out", "out", "--resume", str(left),
+                 "--checkpoint-every", "1"]) == 0
     assert main(["cosim", "joint.toml", "--quiet", "--out", "whole"]) == 0
     assert (here / "out" / "run.csv").read_bytes() == (here / "whole" / "run.csv").read_bytes()
     assert not left.exists()
