@@ -117,6 +117,8 @@ def build_parser():
             sub.add_argument("scenario", metavar="SCENARIO", help="scenario file (TOML)")
             sub.add_argument("--until", type=float, metavar="T", help="stop at this time [s], with a checkpoint")
             sub.add_argument("--resume", metavar="FILE", help="go on from this checkpoint")
+            sub.add_argument("--checkpoint-every", type=float, metavar="S", dest="every",
+                             help="leave a checkpoint beside DIR every S seconds, until the run has ended")
         elif verb != "demo":
             sub.add_argument("study", metavar="STUDY", help="study file (TOML)", nargs="?" if verb == "app" else None)
         if verb == "app":
@@ -178,7 +180,7 @@ def parse(argv):
         what = "option" if unknown[0].startswith("-") else "argument"
         known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
         known += EXPORT if known and arguments.verb == "export" else []
-        known += ["--until", "--resume"] if known and arguments.verb == "cosim" else []
+        known += ["--until", "--resume", "--checkpoint-every"] if known and arguments.verb == "cosim" else []
         known += ["--port", "--no-browser"] if known and arguments.verb == "app" else []
         raise UsageError(f"unknown {what} '{unknown[0]}'{closest(unknown[0], known)}; "
                          f"see 'pycosim {arguments.verb or ''} --help'".replace("  ", " "))
@@ -722,14 +724,20 @@ def _cosim(arguments, progress):
         raise UsageError("cosim reads no log; the motion that it follows stands in the scenario")
     out = Path(arguments.out or f"{scenario.name}_cosim")
     resume = _checkpoint(arguments.resume) if arguments.resume else None
+    if arguments.every is not None and not arguments.every >= 0:
+        raise UsageError(f"--checkpoint-every {arguments.every:g}: seconds cannot be below zero")
+    beside = out.with_name(f"{out.name}.checkpoint.zip")
+    save = None if arguments.every is None else lambda data: _replace(beside, data)
     with results.Folder(out, "cosim", scenario.path, WRITES["cosim"]) as folder:
-        done = cosimulate(scenario, arguments.until, resume, progress)
+        done = cosimulate(scenario, arguments.until, resume, progress, save=save, every=arguments.every)
         folder.write("run.csv", done.text)
         folder.write("cosim.json", done.description)
         if done.checkpoint:
             folder.file("checkpoint.zip").write_bytes(done.checkpoint)
         progress("drawing")
         cosim_figures.write_log(folder.temporary, done)
+    if save:
+        beside.unlink(missing_ok=True)  # what is in the folder now goes further
     again = f"pycosim cosim {arguments.scenario} --resume {out / 'checkpoint.zip'}"
     if not done.complete and (arguments.until is None or done.time < arguments.until):
         raise Stopped(f"interrupted at t = {done.time:g} s; the log up to there is in {out}, to go on: {again}")
@@ -740,6 +748,17 @@ def _cosim(arguments, progress):
         lines.append(f"To go on: {again}")
     took = time.monotonic() - start
     return "\n".join([*lines, f"Took {took:.1f} s.", f"Results in {out}: {', '.join(folder.files)}", ""])
+
+
+def _replace(path, data):
+    """Write a file whole, so that a crash leaves the one before."""
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        new.write_bytes(data)
+        new.replace(path)
+    except OSError as error:
+        new.unlink(missing_ok=True)
+        raise UsageError(f"{path}: the checkpoint cannot be written ({error.strerror})") from None
 
 
 def _checkpoint(path):
