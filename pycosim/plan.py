@@ -1,0 +1,451 @@
+"""A study, its limits and what was measured already in; the next experiment, and the gain it predicts, out.
+
+The motion is a set of strokes: to and fro along straight lines, at least one a pair of opposite zones and speed class.
+Where they lie, how fast and how long they are, and the time that each gets, is optimised within the limits by Ipopt
+with exact first derivatives of the information that the identification's own residual would carry.
+"""
+
+from __future__ import annotations
+
+import os
+import math
+import time as clock
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+from scipy import stats
+
+from .errors import PlanError
+from .plan_information import Block, ChannelNoise, StrokeInformation
+from .plan_motion import PEAK, SHORTEST_RAMP, Motion, Stroke, assemble, ordered
+from .workspace import Workspace, kinematics, limits_of
+
+GOALS = ("parameters", "twins", "detect")
+CRITERIA = ("D", "E", "intervals")
+CLASSES = 1.0, 0.45, 0.2  # greatest speed of a stroke, of the limit
+SLOWEST = 0.7  # least speed of a stroke, of its class
+MARGIN = 0.02  # rad kept from every stop
+ROOM = 0.99  # share of speed, acceleration and torque limits that is used
+DWELL = 0.15  # s
+FLAT = 0.3  # s at constant speed at least
+LEAST = 3.0  # least speed of a segment, over the speed above which a sample counts as moving
+SHARE = 0.01  # of the budget that every stroke gets at least
+TRAVEL = 0.06  # of the budget for the ways between strokes, at first
+STARTS = 2
+SHORTEST = 0.025  # of a way, over the size of the workspace; below 0.02 a log's reader sees no way out and back
+PRESLIDING = 50.0  # least way of a segment over its elastic displacement: friction has built up in 2 % of a pass
+ASSUMED = 0.01  # noise over the range of a channel, where nothing was measured
+MEMORY = 1.0  # s
+SEPARATE = 10.8  # squares of the noise by which rivals must differ: the better one is the true one in 99.9 %
+
+
+@dataclass
+class Asked:
+    """What is compared, and from what.
+
+    Attributes
+    ----------
+    outputs, known : list of str
+    paired : bool
+    ask : callable
+        Question of a model.
+    channels : list of str
+    w_min : float
+        [rad/s]
+    """
+
+    outputs: list
+    known: list
+    paired: bool
+    ask: object
+    channels: list
+    w_min: float
+
+
+def asked(study, model, dataset=None):
+    """What a data set compares, or what the study's first log would.
+
+    Parameters
+    ----------
+    study : Study
+    model : Model
+    dataset : Dataset, optional
+
+    Returns
+    -------
+    Asked
+    """
+    if dataset is not None:
+        return Asked(dataset.outputs, dataset.known, dataset.paired, dataset.ask, dataset.channels, dataset.w_min)
+    outputs, known = model.alternatives("estimate")[0]
+    paired = study.reference == "unknown" and any(n.endswith(".tau") for n in known)
+    aliases = tuple(model.aliases("load").items()) if study.reference == "gravity_model" else ()
+
+    def ask(m):
+        question = m.question("estimate", 0, aliases)
+        return question.fixed({n: 0.0 for n in (f"{c}.damping" for c in m.segments) if n in question.parameters})
+
+    return Asked(outputs, known, paired, ask, [f"{c}_pair" if paired else c for c in outputs], study.w_min or 0.02)
+
+
+def noise_of(dataset, fit, info):
+    """Noise of the channels at one sample, from a fit.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    fit : Fit
+    info : Asked
+
+    Returns
+    -------
+    list of ChannelNoise
+    """
+    interval = float(np.median(np.diff(dataset.time)))
+    scale = math.sqrt(2.0) if info.paired else 1.0  # of half a difference, back to one way's
+    found = []
+    for n in fit.noise:
+        lasting = 0.0 < n.phi < 1.0 and n.slow > 0
+        found.append(ChannelNoise(scale * n.white, scale * n.slow if lasting else 0.0,
+                                  -interval / math.log(n.phi) if lasting else MEMORY))
+    return found
+
+
+def prior_of(fit=None, free=(), variables=None):
+    """Inverse covariance of parameters: what the data told, and that a parameter is within its bounds.
+
+    Parameters
+    ----------
+    fit : Fit, optional
+    free : list of str, optional
+        The fit's by default.
+    variables : dict of str to Variable, optional
+
+    Returns
+    -------
+    ndarray, shape (p, p)
+    """
+    free, variables = (fit.free, fit.variables) if fit is not None else (list(free), variables)
+    span = np.array([min(variables[n].max - variables[n].min, 1e3 * variables[n].nominal) for n in free])
+    found = np.diag(12.0 / span ** 2) if free else np.zeros((0, 0))
+    if fit is not None and free:
+        scale = np.array([variables[n].nominal for n in free])
+        values, vectors = np.linalg.eigh(fit.covariance / np.outer(scale, scale))
+        kept = values > 1e-12 * values.max()
+        found += (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
+    return found
+
+
+# --- the optimisation -----------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Design:
+    """Strokes as the optimiser left them, with the time that each gets."""
+
+    strokes: list
+    seconds: np.ndarray
+    grams: list
+    value: float
+
+
+class Optimiser:
+    """Chooses strokes.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    info : StrokeInformation
+    blocks : list of Block
+    budget : float
+        [s]
+    w_min : float
+        Speed above which a segment counts as moving [rad/s].
+    dwell : float
+        [s]
+    criterion : str
+        For parameters: ``D``, ``E`` or ``intervals``.
+    """
+
+    def __init__(self, workspace, info, blocks, budget, w_min, dwell, criterion):
+        known = blocks[0].values
+        self.elastic = np.array([PRESLIDING * known.get(f"{c}.travel", 0.0) for c in workspace.kinematics.segments])
+        self.shortest = SHORTEST * np.linalg.norm(np.ptp(workspace.vertices, axis=0))
+        self.ws, self.info, self.blocks, self.budget, self.dwell = workspace, info, blocks, budget, dwell
+        self.w_min, self.criterion = w_min, criterion
+        limits = workspace.limits
+        for name, size, unit in (("speed", limits.speed, "rad/s"), ("acceleration", limits.acceleration, "rad/s2")):
+            if not np.isfinite(size).all():
+                what = {"speed": "w", "acceleration": "a"}[name]
+                motor = workspace.kinematics.motors[int(np.argmin(np.isfinite(size)))]
+                raise PlanError(f"no limit of '{motor}.{what}'; give the greatest {name} in the study, as [limits] "
+                                f'"{motor}.{what}" = {{ max = 2.0 }}  # {unit}')
+        self._slots()
+        self._build()
+
+    def _slots(self):
+        """Zone and speed class of every stroke."""
+        pairs = self.ws.zones[::2]
+        limits = self.ws.limits
+        self.slots = []
+        for zone in pairs:
+            fastest = (limits.speed / np.maximum(np.abs(zone.direction), 1e-9)).min()
+            slow = LEAST * self.w_min / np.abs(self.ws.kinematics.speed @ zone.direction).min()
+            if SLOWEST * fastest * ROOM < slow:
+                motor = self.ws.kinematics.motors[int(np.argmin(limits.speed))]
+                raise PlanError(f"the limit of '{motor}.w', {limits.speed.min():g} rad/s, is too low: some segment "
+                                f"would not count as moving below {slow:.3g} rad/s of the fastest motor")
+            classes = [c for c in CLASSES if SLOWEST * c * fastest > slow] or [1.0]
+            self.slots += [(zone, c * fastest) for c in classes]
+        more = [s for s in self.slots if s[1] == max(v for z, v in self.slots if z is s[0])]
+        while len(self.slots) + len(more) <= 12 or len(self.slots) < 6:
+            self.slots += more
+
+    def _build(self):
+        """The nonlinear program, all strokes at once."""
+        ws, m = self.ws, len(self.ws.kinematics.motors)
+        limits = ws.limits
+        a, b, _ = limits.halfspaces
+        size = 2 * m + 3
+        z = ca.MX.sym("z", size * len(self.slots))  # all of one size, which the solver needs
+        radius = np.ptp(ws.vertices, axis=0) / 2
+        self.scale = np.tile([*radius, *limits.speed, 1.0, 0.5, 1.0 / len(self.slots)], len(self.slots))
+        x = z * self.scale
+        self.g, self.g_low, self.g_high = [], [], []
+        total = [ca.MX(ca.DM(block.prior)) for block in self.blocks]
+        total = [ca.diagcat(t, ca.MX(0)) if block.other is not None else t for t, block in zip(total, self.blocks)]
+        spent = 0
+        signs = [np.array(zone.signs, float) for zone, _ in self.slots]
+        for k, (zone, fastest) in enumerate(self.slots):
+            part = x[k * size:(k + 1) * size]
+            c, u, travel, ramp, share = part[:m], part[m:2 * m], part[2 * m], part[2 * m + 1], part[2 * m + 2]
+            grams, torques = self.info(c, u, travel, ramp, signs[k])
+            seconds = share * self.budget
+            total = [t + g * seconds for t, g in zip(total, grams)]
+            spent += share
+            for sign in (1, -1):
+                self._below(ca.mtimes(ca.DM(a), c + sign * u * travel / 2), b - MARGIN)
+            self._inside(u, -ROOM * limits.speed, ROOM * limits.speed)
+            least = np.full(len(signs[k]), LEAST * self.w_min)
+            self._above(ca.DM(signs[k]) * ca.mtimes(ca.DM(ws.kinematics.speed), u), least)
+            along = float(zone.direction @ zone.direction)
+            pace = ca.mtimes(ca.DM(zone.direction).T, u) / along
+            self._inside(pace, SLOWEST * fastest * ROOM, fastest)
+            for sign in (1, -1):
+                self._above(ramp * ca.DM(ROOM * limits.acceleration) - sign * PEAK * u, np.zeros(m))
+            self._above(travel - ramp, [FLAT])
+            self._above(ca.DM(signs[k]) * ca.mtimes(ca.DM(ws.kinematics.speed), u) * travel, self.elastic)
+            self._above(ca.sumsqr(u * travel / self.shortest), [1.0])
+            self._above(seconds - 4 * (travel + ramp + self.dwell), [0.0])  # two cycles, one to be held out
+            if np.isfinite(limits.torque).any():
+                bound = np.where(np.isfinite(limits.torque), ROOM * limits.torque, 1e6)
+                count = torques.size2()
+                self._inside(ca.vec(torques), np.tile(-bound, count), np.tile(bound, count))
+        self._inside(spent, 0.0, 1.0 - TRAVEL)
+        objective = sum(self._objective(t, block) for t, block in zip(total, self.blocks)) / len(self.blocks)
+        self.values = ca.Function("values", [z], total)
+        g = ca.vertcat(*self.g)
+        self.g_low, self.g_high = np.concatenate(self.g_low), np.concatenate(self.g_high)
+        self.problem = {"x": z, "f": objective, "g": g}
+
+    def _inside(self, expression, low, high):
+        self.g.append(expression)
+        self.g_low.append(np.atleast_1d(low).astype(float))
+        self.g_high.append(np.atleast_1d(high).astype(float))
+
+    def _below(self, expression, high):
+        self._inside(expression, np.full(len(high), -np.inf), high)
+
+    def _above(self, expression, low):
+        self._inside(expression, low, np.full(len(np.atleast_1d(low)), np.inf))
+
+    def _objective(self, total, block):
+        """Minimised: logarithm of intervals, or minus that of the squares by which rivals differ."""
+        return contrast(total) if block.other is not None else spread(total, block, self.criterion)
+
+    def start(self, rng):
+        """A point that keeps most limits.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        ndarray
+        """
+        found, corners = [], self.ws.vertices
+        limits = self.ws.limits
+        for zone, fastest in self.slots:
+            centre = rng.dirichlet(np.full(len(corners), 0.7)) @ corners
+            middle, _ = self.ws.centre
+            centre = middle + 0.8 * (centre - middle)
+            u = zone.direction * fastest * 0.9
+            ramp = max(PEAK * (np.abs(u) / limits.acceleration).max() / ROOM * 1.02, SHORTEST_RAMP)
+            reach = 2 * min(self.ws.reach(centre, d) for d in (u, -u))
+            least = 1.02 * max(ramp + FLAT, self.shortest / np.linalg.norm(u))
+            travel = max(min(rng.uniform(0.7, 3.0), 0.9 * reach), least)
+            found += [*centre, *u, travel, ramp, (1 - TRAVEL) / len(self.slots)]
+        return np.array(found)
+
+    def solve(self, rng, seconds, progress):
+        """Best of several starts.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        seconds : float
+            Time that may be used for it.
+        progress : callable
+
+        Returns
+        -------
+        Design
+
+        Raises
+        ------
+        PlanError
+            No motion keeps all limits.
+        """
+        options = {"print_time": False, "ipopt": {
+            "print_level": 0, "sb": "yes", "max_iter": 120, "hessian_approximation": "limited-memory", "tol": 1e-4,
+            "acceptable_tol": 1e-3, "acceptable_iter": 8, "max_wall_time": seconds / STARTS, "mu_strategy": "adaptive",
+            "constr_viol_tol": 1e-6}}
+        solver = ca.nlpsol("plan", "ipopt", self.problem, options)
+        low, high = self._bounds()
+        best = None
+        for k in range(STARTS):
+            progress(f"optimising the experiment, start {k + 1} of {STARTS}")
+            found = solver(x0=self.start(rng) / self.scale, lbx=low, ubx=high, lbg=self.g_low, ubg=self.g_high)
+            if os.environ.get("PD"): print(solver.stats()["return_status"], solver.stats()["iter_count"], float(found["f"]))
+            x, g = found["x"].full()[:, 0], found["g"].full()[:, 0]
+            beyond = np.maximum(self.g_low - g, g - self.g_high)
+            if np.isfinite(x).all() and beyond.max() < 1e-4 and (best is None or float(found["f"]) < best[0]):
+                best = float(found["f"]), x
+        if best is None:
+            raise PlanError(self._why())
+        return self._design(*best)
+
+    def _bounds(self):
+        m = len(self.ws.kinematics.motors)
+        low = np.tile([*[-np.inf] * 2 * m, FLAT, SHORTEST_RAMP, SHARE], len(self.slots))
+        high = np.tile([*[np.inf] * 2 * m, 60.0, 30.0, 1.0], len(self.slots))
+        return low / self.scale, high / self.scale
+
+    def _why(self):
+        """The limit that no start could keep, in a sentence."""
+        return f"no motion keeps all limits at once within {self.budget:g} s; widen the limits or the budget"
+
+    def _design(self, value, x):
+        m, size = len(self.ws.kinematics.motors), 2 * len(self.ws.kinematics.motors) + 3
+        strokes, seconds = [], []
+        for k, (_, fastest) in enumerate(self.slots):
+            part = (x * self.scale)[k * size:(k + 1) * size]
+            stroke = Stroke(part[:m], part[m:2 * m], float(part[2 * m]), float(part[2 * m + 1]), 2, str(k + 1))
+            strokes.append(stroke)
+            seconds.append(float(part[-1]) * self.budget)
+        return Design(strokes, np.array(seconds), [t.full() for t in self.values.call([x])], value)
+
+
+def spread(total, block, criterion):
+    """Mean logarithm of standard errors over nominal values, by one of the criteria, from the information.
+
+    Parameters
+    ----------
+    total : MX, shape (p, p)
+    block : Block
+    criterion : str
+
+    Returns
+    -------
+    MX
+    """
+    p = len(block.free)
+    scale = ca.DM([block.model.parameters[n].nominal for n in block.free])
+    scaled = total * ca.mtimes(scale, scale.T)
+    symbol = ca.SX.sym("s", p, p)
+    root = ca.chol(symbol)
+    if criterion == "D":
+        value = -ca.sum1(ca.log(ca.diag(root))) / p
+    else:
+        back = ca.solve(root.T, ca.SX.eye(p))  # root' root = information
+        if criterion == "intervals":
+            value = ca.sum1(ca.log(ca.sum1(back ** 2).T)) / 2 / p
+        else:
+            cov = ca.mtimes(back.T, back)
+            four = ca.mtimes(cov, cov)
+            value = ca.log(ca.trace(ca.mtimes(four, four))) / 8  # the largest eigenvalue, smoothly
+    return ca.Function("spread", [symbol], [value])(scaled)
+
+
+def contrast(total):
+    """Minus the logarithm of the squares by which rivals differ when one has bent to the other as far as it can.
+
+    Parameters
+    ----------
+    total : MX, shape (p + 1, p + 1)
+        Information of the parameters that bend, and the difference as the last row.
+
+    Returns
+    -------
+    MX
+    """
+    n = total.size1()
+    symbol = ca.SX.sym("s", n, n)
+    scale = ca.sqrt(ca.diag(symbol)[:n - 1])
+    own = symbol[:n - 1, :n - 1] / ca.mtimes(scale, scale.T)
+    cross = symbol[:n - 1, n - 1] / scale
+    half = ca.solve(ca.chol(own + 1e-9 * ca.SX.eye(n - 1)).T, cross)
+    left = symbol[n - 1, n - 1] - ca.sumsqr(half)
+    return ca.Function("contrast", [symbol], [-ca.log(left + 1e-6 * symbol[n - 1, n - 1] + 1e-9)])(total)
+
+
+# --- from strokes to a motion ---------------------------------------------------------------------------------------
+
+
+def motion_of(design, workspace, budget, dwell, rate):
+    """Whole cycles of every stroke within the budget, joined to one motion.
+
+    Parameters
+    ----------
+    design : Design
+    workspace : Workspace
+    budget : float
+        [s]
+    dwell : float
+        [s]
+    rate : float
+        Samples a second.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    PlanError
+        Two cycles of every stroke take longer than the budget.
+    """
+    limits = workspace.limits
+    period = np.array([2 * (s.travel + s.ramp + dwell) for s in design.strokes])
+    cycles = np.maximum(2, np.round(design.seconds / period)).astype(int)
+
+    fast = ROOM * limits.speed, ROOM * limits.acceleration
+    order = ordered(design.strokes, *fast)
+    number = {s.name: k for k, s in enumerate(design.strokes)}
+
+    def joined():
+        strokes = [replace(s, cycles=int(cycles[number[s.name]])) for s in order]
+        return assemble(strokes, *fast, dwell, rate)
+
+    ways = joined().duration + 1.0 / rate - float(cycles @ period)  # the same for any number of cycles
+    while ways + cycles @ period > budget:
+        over = np.flatnonzero(cycles > 2)
+        if not len(over):
+            raise PlanError(f"a budget of {budget:g} s is too short: two cycles in every zone at every speed take "
+                            f"{ways + cycles @ period:.0f} s")
+        cycles[over[np.argmax((cycles * period / design.seconds)[over])]] -= 1
+    while (fits := np.flatnonzero(ways + cycles @ period + period <= budget)).size:
+        cycles[fits[np.argmax((design.seconds / (cycles * period))[fits])]] += 1
+    return joined()
