@@ -36,6 +36,9 @@ VERBS = {
             "Without a place, every place is tried and the best by cross-validation is taken."),
     "improve": ("diagnose, add, refit, until nothing is left to learn", "ladder.json",
                 "pycosim improve study.toml --data run1.csv", ""),
+    "plan": ("the next experiment: what to move so that the data answers", "plan.json",
+             "pycosim plan study.toml --data run1.csv --budget 120",
+             "Writes plan.csv, a motion of the motors within the study's [limits]; 'pycosim cosim' can follow it."),
     "export": ("the identified machine as an FMU, C, Modelica, SSP, MJCF or JSON, for other tools", "export.json",
                "pycosim export study.toml --to fmu --fmi 3 --platforms all",
                "The study's values and effects are taken as they are; no log is read."),
@@ -48,6 +51,7 @@ WRITES = {
     "add": ("study.toml", "parameters.json", "comparison.json"),
     "improve": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
                 "study.toml", "model.mo"),
+    "plan": ("plan.json", "plan.csv"),
     "export": ("export.json",), "cosim": ("cosim.json", "run.csv", "checkpoint.zip"),
 }
 # option of export: what it may be, what it is when not given, what it means
@@ -58,6 +62,9 @@ EXPORT = {
     "--platforms": (("host", "all"), "host", "binaries for this machine, or for linux, windows and macOS"),
     "--real": (("double", "float"), "double", "numbers of the C export"),
 }
+
+
+PLAN = ("--goal", "--budget", "--rate", "--criterion", "--between")
 
 
 class UsageError(PycosimError):
@@ -114,6 +121,8 @@ def build_parser():
             sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
         for option, (choices, usual, meaning) in (EXPORT if verb == "export" else {}).items():
             sub.add_argument(option, choices=choices, default=usual, help=f"{meaning} (default: {usual})")
+        if verb == "plan":
+            _plan_options(sub)
         reads = verb not in ("demo", "export", "cosim")
         sub.add_argument("--data", nargs="+", metavar="FILE",
                          help="logs, instead of the study's own" if reads else argparse.SUPPRESS)
@@ -125,6 +134,18 @@ def build_parser():
                          help=f"print {VERBS[verb][1] or 'where the study is'} and nothing else")
         sub.add_argument("--quiet", action="store_true", help="print nothing but errors")
     return parser
+
+
+def _plan_options(sub):
+    sub.add_argument("--goal", choices=("parameters", "twins", "detect"), default="parameters",
+                     help="narrow intervals, separate what the diagnosis could not, or show what no data could "
+                          "(default: parameters)")
+    sub.add_argument("--budget", type=float, default=120.0, metavar="SECONDS", help="longest duration (default: 120)")
+    sub.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="samples a second (default: 100)")
+    sub.add_argument("--criterion", choices=("intervals", "D", "E"), default="intervals",
+                     help="of the parameters: their mean interval, the volume, or the worst direction "
+                          "(default: intervals)")
+    sub.add_argument("--between", nargs=2, metavar="EFFECT@PLACE", help="separate these two, whatever the diagnosis")
 
 
 def _rigs(**_):
@@ -165,6 +186,7 @@ def parse(argv):
         what = "option" if unknown[0].startswith("-") else "argument"
         known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
         known += EXPORT if known and arguments.verb == "export" else []
+        known += PLAN if known and arguments.verb == "plan" else []
         known += ["--until", "--resume"] if known and arguments.verb == "cosim" else []
         raise UsageError(f"unknown {what} '{unknown[0]}'{closest(unknown[0], known)}; "
                          f"see 'pycosim {arguments.verb or ''} --help'".replace("  ", " "))
@@ -391,7 +413,27 @@ def _export(run, arguments):
     run.lines += done.lines
 
 
-VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve,
+def _plan(run, arguments):
+    from . import plan, plan_figures, plan_results
+    fit = None
+    if run.dataset is not None:
+        fit = run.fit()
+    known = plan.known(run.study, run.library, run.model, run.dataset, fit)
+    blocks = None
+    if arguments.between:
+        keys = [tuple(text.partition("@")[::2]) for text in arguments.between]
+        blocks = plan.twins_of(known, [keys], run.progress)
+    goal = "twins" if arguments.between else arguments.goal
+    found = plan.make_plan(known, goal, arguments.budget, arguments.rate, blocks, arguments.criterion, run.progress)
+    result = plan_results.plan(found)
+    run.write("plan.json", result)
+    run.write("plan.csv", plan_results.csv(found))
+    run.progress("drawing")
+    plan_figures.write_plan(run.folder.temporary, found)
+    run.lines += plan_results.summary(result)
+
+
+VERB = {"plan": _plan, "compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve,
         "export": _export}
 
 
@@ -733,7 +775,10 @@ def run_verb(arguments, progress):
         raise UsageError("export reads no log, its values are the study's; 'pycosim identify STUDY --data FILE' finds "
                          "them")
     with run.folder:
-        if arguments.verb != "export":
+        run.dataset = None
+        if arguments.verb == "plan" and not (run.study.runs or run.study.held_out):
+            run.lines.append("No log was given: what is known is what the study's [parameters] say.")
+        elif arguments.verb != "export":
             run.read()
         VERB[arguments.verb](run, arguments)
     if arguments.json:
