@@ -18,7 +18,7 @@ from .compile import catalogue, compile_model, component_name, find_effect, find
 from .diagnose import _nudged, diagnose
 from .errors import PlanError, closest
 from .plan_information import Block, ChannelNoise, StrokeInformation
-from .plan_motion import PEAK, REST, SHORTEST_RAMP, Stroke, assemble, ordered
+from .plan_motion import PEAK, SHORTEST_RAMP, Stroke, assemble, ordered
 from .plan_prediction import expected, predicted_fit, signals_of
 from .workspace import Workspace, kinematics, limits_of
 
@@ -207,13 +207,14 @@ class Optimiser:
         """The nonlinear program, all strokes at once."""
         ws, m = self.ws, len(self.ws.kinematics.motors)
         limits = ws.limits
-        a, b, _ = limits.halfspaces
+        a, b, stops = limits.halfspaces
+        motors = ws.kinematics.motors
         size = 2 * m + 3
         z = ca.MX.sym("z", size * len(self.slots))  # all of one size, which the solver needs
         radius = np.ptp(ws.vertices, axis=0) / 2
         self.scale = np.tile([*radius, *limits.speed, 1.0, 0.5, 1.0 / len(self.slots)], len(self.slots))
         x = z * self.scale
-        self.g, self.g_low, self.g_high = [], [], []
+        self.g, self.g_low, self.g_high, self.words = [], [], [], []
         total = [ca.MX(ca.DM(block.prior)) for block in self.blocks]
         total = [ca.diagcat(t, ca.MX(0)) if block.other is not None else t for t, block in zip(total, self.blocks)]
         spent = 0
@@ -226,40 +227,47 @@ class Optimiser:
             total = [t + g * seconds for t, g in zip(total, grams)]
             spent += share
             for sign in (1, -1):
-                self._below(ca.mtimes(ca.DM(a), c + sign * u * travel / 2), b - MARGIN)
-            self._inside(u, -ROOM * limits.speed, ROOM * limits.speed)
+                self._below(ca.mtimes(ca.DM(a), c + sign * u * travel / 2), b - MARGIN, stops)
+            self._inside(u, -ROOM * limits.speed, ROOM * limits.speed, [f"'{n}.w'" for n in motors])
             least = np.full(len(signs[k]), LEAST * self.w_min)
-            self._above(ca.DM(signs[k]) * ca.mtimes(ca.DM(ws.kinematics.speed), u), least)
+            self._above(ca.DM(signs[k]) * ca.mtimes(ca.DM(ws.kinematics.speed), u), least, ["the least speed"])
             along = float(zone.direction @ zone.direction)
             pace = ca.mtimes(ca.DM(zone.direction).T, u) / along
-            self._inside(pace, SLOWEST * fastest * ROOM, fastest)
+            self._inside(pace, SLOWEST * fastest * ROOM, fastest, ["the speeds of the motors"])
             for sign in (1, -1):
-                self._above(ramp * ca.DM(ROOM * limits.acceleration) - sign * PEAK * u, np.zeros(m))
-            self._above(travel - ramp, [FLAT])
-            self._above(ca.DM(signs[k]) * ca.mtimes(ca.DM(ws.kinematics.speed), u) * travel, self.elastic)
-            self._above(ca.sumsqr(u * travel / self.shortest), [1.0])
-            self._above(seconds - 4 * (travel + ramp + self.dwell), [0.0])  # two cycles, one to be held out
+                self._above(ramp * ca.DM(ROOM * limits.acceleration) - sign * PEAK * u, np.zeros(m),
+                            [f"'{n}.a'" for n in motors])
+            self._above(travel - ramp, [FLAT], ["the accelerations of the motors"])
+            way = ca.DM(signs[k]) * ca.mtimes(ca.DM(ws.kinematics.speed), u) * travel
+            self._above(way, self.elastic, ["the way that builds friction up"])
+            self._above(ca.sumsqr(u * travel / self.shortest), [1.0], ["the shortest way"])
+            # two cycles, one to be held out
+            self._above(seconds - 4 * (travel + ramp + self.dwell), [0.0], [f"the budget of {self.budget:g} s"])
             if np.isfinite(limits.torque).any():
                 bound = np.where(np.isfinite(limits.torque), ROOM * limits.torque, 1e6)
                 count = torques.size2()
-                self._inside(ca.vec(torques), np.tile(-bound, count), np.tile(bound, count))
-        self._inside(spent, 0.0, 1.0 - TRAVEL)
+                self._inside(ca.vec(torques), np.tile(-bound, count), np.tile(bound, count),
+                             [f"'{n}.tau'" for n in motors] * count)
+        self._inside(spent, 0.0, 1.0 - TRAVEL, [f"the budget of {self.budget:g} s"])
         objective = sum(self._objective(t, block) for t, block in zip(total, self.blocks)) / len(self.blocks)
         self.values = ca.Function("values", [z], total)
         g = ca.vertcat(*self.g)
         self.g_low, self.g_high = np.concatenate(self.g_low), np.concatenate(self.g_high)
         self.problem = {"x": z, "f": objective, "g": g}
 
-    def _inside(self, expression, low, high):
+    def _inside(self, expression, low, high, words):
+        """A constraint, and the limit that it stands for in words."""
         self.g.append(expression)
         self.g_low.append(np.atleast_1d(low).astype(float))
         self.g_high.append(np.atleast_1d(high).astype(float))
+        rows = len(self.g_low[-1])
+        self.words += words if len(words) == rows else words * rows
 
-    def _below(self, expression, high):
-        self._inside(expression, np.full(len(high), -np.inf), high)
+    def _below(self, expression, high, words):
+        self._inside(expression, np.full(len(high), -np.inf), high, words)
 
-    def _above(self, expression, low):
-        self._inside(expression, low, np.full(len(np.atleast_1d(low)), np.inf))
+    def _above(self, expression, low, words):
+        self._inside(expression, low, np.full(len(np.atleast_1d(low)), np.inf), words)
 
     def _objective(self, total, block):
         """Minimised: logarithm of intervals, or minus that of the squares by which rivals differ."""
@@ -315,7 +323,7 @@ class Optimiser:
             "constr_viol_tol": 1e-6}}
         solver = ca.nlpsol("plan", "ipopt", self.problem, options)
         low, high = self._bounds()
-        best = None
+        best = self.nearest = None
         for k in range(STARTS):
             progress(f"optimising the experiment, start {k + 1} of {STARTS}")
             found = solver(x0=self.start(rng) / self.scale, lbx=low, ubx=high, lbg=self.g_low, ubg=self.g_high)
@@ -334,8 +342,29 @@ class Optimiser:
         return low / self.scale, high / self.scale
 
     def _why(self):
-        """The limit that no start could keep, in a sentence."""
-        return f"no motion keeps all limits at once within {self.budget:g} s; widen the limits or the budget"
+        """The limit without which there would be a motion, in a sentence."""
+        for group in dict.fromkeys(_family(w) for w in self.words):
+            mine = np.array([_family(w) == group for w in self.words])
+            low, high = np.where(mine, -np.inf, self.g_low), np.where(mine, np.inf, self.g_high)
+            g = self._feasible(low, high)
+            if g is not None:
+                beyond = np.where(mine, np.maximum(self.g_low - g, g - self.g_high), -np.inf)
+                worst = self.words[int(np.argmax(beyond))]
+                return (f"no motion keeps all limits within {self.budget:g} s: it would, but for {worst}; widen that, "
+                        "or the limits that it goes with")
+        worst = self.words[int(np.argmax(self.nearest))]
+        return f"no motion keeps all limits within {self.budget:g} s, and more than one stands against it, as {worst}"
+
+    def _feasible(self, low, high):
+        """Constraints at a point that keeps these ends, or None."""
+        problem = {**self.problem, "f": ca.MX(0)}
+        solver = ca.nlpsol("feasible", "ipopt", problem, {"print_time": False, "ipopt": {
+            "print_level": 0, "sb": "yes", "max_iter": 100, "max_wall_time": 4.0,
+            "hessian_approximation": "limited-memory"}})
+        least, most = self._bounds()
+        found = solver(x0=self.start(np.random.default_rng(0)) / self.scale, lbx=least, ubx=most, lbg=low, ubg=high)
+        g = found["g"].full()[:, 0]
+        return g if np.isfinite(g).all() and np.maximum(low - g, g - high).max() < 1e-4 else None
 
     def _design(self, value, x):
         m, size = len(self.ws.kinematics.motors), 2 * len(self.ws.kinematics.motors) + 3
@@ -346,6 +375,11 @@ class Optimiser:
             strokes.append(stroke)
             seconds.append(float(part[-1]) * self.budget)
         return Design(strokes, np.array(seconds), [t.full() for t in self.values.call([x])], value)
+
+
+def _family(words):
+    """Limits that are lifted together to see whether they are what stands against a motion."""
+    return words.rpartition(".")[2] if words.startswith("'") else "stops" if words.startswith(("max", "min")) else words
 
 
 def spread(total, block, criterion):

@@ -56,8 +56,20 @@ class Stroke:
 
 
 @dataclass(frozen=True)
-class _Piece:
-    """One straight way, or a rest."""
+class Piece:
+    """One straight way, or a rest.
+
+    Attributes
+    ----------
+    label : str
+    begin, duration, ramp : float
+        [s]
+    start : ndarray, shape (motors,)
+        [rad]
+    velocity : ndarray, shape (motors,)
+        Between the ramps [rad/s].
+    held_out : bool
+    """
 
     label: str
     begin: float
@@ -82,6 +94,7 @@ class Motion:
     held_out : list of (float, float)
         Times from and to [s].
     strokes : list of Stroke
+    pieces : list of Piece
     """
 
     time: np.ndarray
@@ -91,6 +104,7 @@ class Motion:
     label: np.ndarray
     held_out: list = field(default_factory=list)
     strokes: list = field(default_factory=list)
+    pieces: list = field(default_factory=list)
 
     @property
     def duration(self):
@@ -182,11 +196,11 @@ def assemble(strokes, speed, acceleration, dwell, rate):
 
     def add(label, duration, velocity, ramp, held_out=False):
         nonlocal now, at
-        pieces.append(_Piece(label, now, duration, at, velocity, ramp, held_out))
+        pieces.append(Piece(label, now, duration, at, velocity, ramp, held_out))
         now, at = now + duration, at + velocity * (duration - ramp)
 
     def rest(held_out=False):
-        pieces.append(_Piece(REST, now, dwell, at, np.zeros(len(at)), SHORTEST_RAMP, held_out))
+        pieces.append(Piece(REST, now, dwell, at, np.zeros(len(at)), SHORTEST_RAMP, held_out))
         return now + dwell
 
     now = rest()
@@ -217,7 +231,7 @@ def _sampled(pieces, end, rate, strokes):
             held[-1] = (held[-1][0], p.begin + p.duration)
         else:
             held.append((p.begin, p.begin + p.duration))
-    return Motion(time, start + velocity * done, velocity * share, velocity * rate_of, label, held, list(strokes))
+    return Motion(time, start + velocity * done, velocity * share, velocity * rate_of, label, held, list(strokes), pieces)
 
 
 def profile(t, duration, ramp):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,9 +10,6 @@ from .identifiability import identifiability
 from .nulls import number
 from .plan import separations, table
 from .results import SCHEMA, plain
-
-WIDTH = 2 * 1.96  # of a 95 % interval, in standard errors
-
 
 def plan(found):
     """``plan.json``.
@@ -47,21 +44,23 @@ def plan(found):
 
 
 def _parameters(found):
+    """Every free parameter: its interval now, and how wide it should be after the experiment."""
     k, rows = found.known, {}
-    before = np.linalg.inv(k.prior) if k.free else np.zeros((0, 0))
-    for i, n in enumerate(k.free):
+    after = replace(found.fit, covariance=found.covariance)
+    for n in k.free:
         v = k.model.parameters[n]
-        old = k.fit.interval(n) if k.fit is not None else [v.min, v.max]
-        width = [min(WIDTH * math.sqrt(c[i, i]), v.max - v.min) for c in (before, found.covariance, found.fit.covariance)]
-        alone = found.fit.identifiable(n)
-        rows[n] = {"value": k.values[n], "unit": v.unit, "ci95_now": old, "width_now": width[0], "width": width[1],
-                   "width_of_new_log_alone": width[2] if alone else None, "identifiable": alone}
+        now = k.fit.interval(n) if k.fit is not None else [v.min, v.max]
+        low, high = after.interval(n)
+        alone = found.fit.interval(n)
+        rows[n] = {"value": k.values[n], "unit": v.unit, "ci95_now": now, "width_now": now[1] - now[0],
+                   "identifiable_now": k.fit is not None and k.fit.identifiable(n), "width": high - low,
+                   "width_of_new_log_alone": alone[1] - alone[0], "identifiable": found.fit.identifiable(n)}
     return rows
 
 
 def _gain(found):
-    """Geometric mean of the intervals after over before."""
-    rows = [r for r in _parameters(found).values() if r["identifiable"]]
+    """Geometric mean of the intervals after over before, of what is determined before and after."""
+    rows = [r for r in _parameters(found).values() if r["identifiable"] and r["identifiable_now"] and r["width_now"]]
     return float(np.exp(np.mean([np.log(r["width"] / r["width_now"]) for r in rows]))) if rows else None
 
 
@@ -126,11 +125,13 @@ def summary(result):
              f"{len({s['zone'] for s in result['strokes']})} zones, "
              f"{sum(s['cycles'] for s in result['strokes'])} times to and fro, at {speeds[0]:g} to {speeds[-1]:g} rad/s "
              f"of the faster motor; {len(result['held_out'])} cycles are held out."]
-    shown = {n: p for n, p in result["parameters"].items() if p["identifiable"]}
-    for n, p in shown.items():
+    for n, p in result["parameters"].items():
         unit = "" if p["unit"] == "1" else f" {p['unit']}"
-        lines.append(f"  {n}: 95 % interval {number(p['width_now'])}{unit} wide now, {number(p['width'])}{unit} after "
-                     f"it ({p['width_now'] / p['width']:.1f} times narrower)")
+        now = f"{number(p['width_now'])}{unit} wide now" if p["identifiable_now"] else "open now"
+        after = f"{number(p['width'])}{unit} wide after it" if p["identifiable"] else "still open after it"
+        lines.append(f"  {n}: 95 % interval {now}, {after}")
+    if result["gain"]:
+        lines.append(f"Intervals become {1 / result['gain']:.1f} times narrower (geometric mean).")
     for d in result["identifiability"]["now"]:
         lines.append(f"Undetermined so far: {d['text']}. What would free it: {', '.join(d['freed_by'])}.")
     for text in result["identifiability"]["planned"]:
