@@ -32,8 +32,8 @@ DWELL = 0.15  # s
 FLAT = 0.3  # s at constant speed at least
 LEAST = 3.0  # least speed of a segment, over the speed above which a sample counts as moving
 SHARE = 0.01  # of the budget that every stroke gets at least
-TRAVEL = 0.06  # of the budget for the ways between strokes, at first
-STARTS = 2
+TRAVEL = 0.1, 0.3, 0.5  # of the budget kept for the ways between strokes; the next if they take longer
+STARTS = 3
 SHORTEST = 0.0075  # of a way, over the size of the workspace; below 0.005 `segmentation` sees no way out and back
 PRESLIDING = 50.0  # least way of a segment over its elastic displacement: friction has built up in 2 % of a pass
 ASSUMED = 0.01  # noise over the range of a channel, where nothing was measured
@@ -167,14 +167,16 @@ class Optimiser:
         [s]
     criterion : str
         For parameters: ``D``, ``E`` or ``intervals``.
+    travel : float
+        Share of the budget that is kept for the ways between strokes.
     """
 
-    def __init__(self, workspace, info, blocks, budget, w_min, dwell, criterion):
+    def __init__(self, workspace, info, blocks, budget, w_min, dwell, criterion, travel=TRAVEL[0]):
         known = blocks[0].values
         self.elastic = np.array([PRESLIDING * known.get(f"{c}.travel", 0.0) for c in workspace.kinematics.segments])
         self.shortest = SHORTEST * np.linalg.norm(np.ptp(workspace.vertices, axis=0))
         self.ws, self.info, self.blocks, self.budget, self.dwell = workspace, info, blocks, budget, dwell
-        self.w_min, self.criterion = w_min, criterion
+        self.w_min, self.criterion, self.travel = w_min, criterion, travel
         limits = workspace.limits
         for name, size, unit in (("speed", limits.speed, "rad/s"), ("acceleration", limits.acceleration, "rad/s2")):
             if not np.isfinite(size).all():
@@ -200,7 +202,7 @@ class Optimiser:
             classes = [c for c in CLASSES if SLOWEST * c * fastest > slow] or [1.0]
             self.slots += [(zone, c * fastest) for c in classes]
         more = [s for s in self.slots if s[1] == max(v for z, v in self.slots if z is s[0])]
-        while len(self.slots) + len(more) <= 12 or len(self.slots) < 6:
+        while (self.travel == TRAVEL[0] and len(self.slots) + len(more) <= 12) or len(self.slots) < 4:
             self.slots += more
 
     def _build(self):
@@ -243,17 +245,30 @@ class Optimiser:
             self._above(ca.sumsqr(u * travel / self.shortest), [1.0], ["the shortest way"])
             # two cycles, one to be held out
             self._above(seconds - 4 * (travel + ramp + self.dwell), [0.0], [f"the budget of {self.budget:g} s"])
-            if np.isfinite(limits.torque).any():
+            if self._torque_matters():
                 bound = np.where(np.isfinite(limits.torque), ROOM * limits.torque, 1e6)
                 count = torques.size2()
                 self._inside(ca.vec(torques), np.tile(-bound, count), np.tile(bound, count),
                              [f"'{n}.tau'" for n in motors] * count)
-        self._inside(spent, 0.0, 1.0 - TRAVEL, [f"the budget of {self.budget:g} s"])
+        self._inside(spent, 0.0, 1.0 - self.travel, [f"the budget of {self.budget:g} s"])
         objective = sum(self._objective(t, block) for t, block in zip(total, self.blocks)) / len(self.blocks)
         self.values = ca.Function("values", [z], total)
         g = ca.vertcat(*self.g)
         self.g_low, self.g_high = np.concatenate(self.g_low), np.concatenate(self.g_high)
         self.problem = {"x": z, "f": objective, "g": g}
+
+    def _torque_matters(self):
+        """Whether some motion within the other limits comes near the limit of a torque."""
+        if not hasattr(self, "_near"):
+            limits, found = self.ws.limits, 0.0
+            for corner in self.ws.vertices:
+                for zone in self.ws.zones:
+                    speed = zone.direction * limits.speed
+                    for sign in (1, -1):
+                        torque = self.info.torque(corner, speed, sign * limits.acceleration, np.sign(zone.signs))
+                        found = max(found, float(np.max(np.abs(torque.full()[:, 0]) / limits.torque)))
+            self._near = found > 0.5
+        return self._near
 
     def _inside(self, expression, low, high, words):
         """A constraint, and the limit that it stands for in words."""
@@ -295,7 +310,7 @@ class Optimiser:
             reach = 2 * min(self.ws.reach(centre, d) for d in (u, -u))
             least = 1.02 * max(ramp + FLAT, self.shortest / np.linalg.norm(u))
             travel = max(min(rng.uniform(0.7, 3.0), 0.9 * reach), least)
-            found += [*centre, *u, travel, ramp, (1 - TRAVEL) / len(self.slots)]
+            found += [*centre, *u, travel, ramp, (1 - self.travel) / len(self.slots)]
         return np.array(found)
 
     def solve(self, rng, seconds, progress):
@@ -318,9 +333,9 @@ class Optimiser:
             No motion keeps all limits.
         """
         options = {"print_time": False, "ipopt": {
-            "print_level": 0, "sb": "yes", "max_iter": 120, "hessian_approximation": "limited-memory", "tol": 1e-4,
+            "print_level": 0, "sb": "yes", "max_iter": 200, "hessian_approximation": "limited-memory", "tol": 1e-4,
             "acceptable_tol": 1e-3, "acceptable_iter": 8, "max_wall_time": seconds / STARTS, "mu_strategy": "adaptive",
-            "constr_viol_tol": 1e-6}}
+            "constr_viol_tol": 1e-6, "limited_memory_max_history": 30}}
         solver = ca.nlpsol("plan", "ipopt", self.problem, options)
         low, high = self._bounds()
         best = self.nearest = None
@@ -405,7 +420,8 @@ def spread(total, block, criterion):
     else:
         back = ca.solve(root.T, ca.SX.eye(p))  # root' root = information
         if criterion == "intervals":
-            value = ca.sum1(ca.log(ca.sum1(back ** 2).T)) / 2 / p
+            rows = ca.DM(np.eye(p) if block.rows is None else block.rows)
+            value = ca.sum1(ca.log(ca.sum1(ca.mtimes(back, rows.T) ** 2).T)) / 2 / rows.size1()
         else:
             cov = ca.mtimes(back.T, back)
             four = ca.mtimes(cov, cov)
@@ -760,9 +776,15 @@ def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, crite
         blocks = _blocks(k, goal, say)
     say("setting the experiment up")
     info = StrokeInformation(k.asked, k.workspace.kinematics, blocks, (k.model, k.values), k.noise, DWELL, 1 / rate)
-    optimiser = Optimiser(k.workspace, info, blocks, budget, k.asked.w_min, DWELL, criterion)
-    design = optimiser.solve(np.random.default_rng(k.study.seed), patience, say)
-    motion = motion_of(design, k.workspace, budget, DWELL, rate)
+    for travel in TRAVEL:
+        optimiser = Optimiser(k.workspace, info, blocks, budget, k.asked.w_min, DWELL, criterion, travel)
+        design = optimiser.solve(np.random.default_rng(k.study.seed), patience, say)
+        try:
+            motion = motion_of(design, k.workspace, budget, DWELL, rate)
+            break
+        except PlanError:
+            if travel == TRAVEL[-1]:
+                raise
     torque = _checked(k, motion)
     say("predicting the intervals")
     measured = [] if k.dataset is None else list(k.dataset.measured)
@@ -780,7 +802,31 @@ def _blocks(k, goal, say):
     if not k.free:
         raise PlanError(f"{k.study.path}: no parameter is free, so there is nothing to learn; write fixed = false at "
                         "those to identify")
-    return [Block(k.model, k.free, k.values, k.prior)]
+    return [Block(k.model, k.free, k.values, k.prior, rows=determined(k.fit) if k.fit is not None else None)]
+
+
+def determined(fit):
+    """Combinations of the parameters that a fit determines: each by itself, or what is left of a null direction.
+
+    Parameters
+    ----------
+    fit : Fit
+
+    Returns
+    -------
+    ndarray, shape (k, p)
+        Of parameters over their nominal values.
+    """
+    p, nominal = len(fit.free), np.array([fit.variables[n].nominal for n in fit.free])
+    if not len(fit.null_directions):
+        return np.eye(p)
+    _, size, null = np.linalg.svd(fit.null_directions / nominal, full_matrices=False)
+    null = null[size > 1e-9 * size[0]]
+    open_ones = [not fit.identifiable(n) for n in fit.free]
+    alone = np.eye(p)[np.invert(open_ones)]
+    inside = np.eye(p)[open_ones]
+    values, vectors = np.linalg.eigh(inside @ (np.eye(p) - null.T @ null) @ inside.T)
+    return np.vstack([alone, vectors[:, values > 0.5].T @ inside])
 
 
 def _checked(k, motion):

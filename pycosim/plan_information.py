@@ -16,6 +16,7 @@ from .compile import component_name
 from .compile.model import der
 from .errors import StudyError
 
+CLEAR = 4.0  # of a torque's noise: nearer to zero, a segment's load has the wrong sign too often to be believed
 NODES = 5  # points of a way that stand for its samples
 
 
@@ -77,6 +78,8 @@ class Block:
         Rival model and its parameters: the difference of both predictions is one column more.
     name : tuple of str
         Of the rivals.
+    rows : ndarray, shape (k, p), optional
+        Combinations of the parameters over their nominal values whose intervals count; each by itself by default.
     """
 
     model: object
@@ -85,6 +88,7 @@ class Block:
     prior: np.ndarray
     other: tuple | None = None
     name: tuple = field(default_factory=tuple)
+    rows: object = None
 
 
 class Node:
@@ -197,23 +201,63 @@ class Node:
         slope = ca.jacobian(y, ca.vertcat(*columns, ca.SX(0, 1)))
         return ca.substitute(y, p, numbers), ca.substitute(slope, p, numbers)
 
-    def block(self, block):
+    def clear(self, model, values, given, noise):
+        """Square root of the share by which the signs of the segments' loads can be trusted.
+
+        Near zero, noise of a measured torque turns the sign of a load now and then. That biases a fit, and no
+        derivative shows it.
+
+        Parameters
+        ----------
+        model : Model
+        values : dict of str to float
+        given : dict of str to SX
+            Known torques.
+        noise : list of ChannelNoise
+
+        Returns
+        -------
+        SX
+            Between 0 and 1.
+        """
+        question = self.asked.ask(model)
+        loads = [n for n in question.outputs if n in {f"{c}.L" for c in self.kin.segments}]
+        if not given or not loads:
+            return ca.SX(1)
+        torque = ca.SX.sym("torque", len(given))
+        rows = question.select([*loads, *self.asked.outputs])
+        numbers = ca.DM([float(values[n]) for n in question.parameters])
+        known = dict(zip(given, ca.vertsplit(torque)))
+        y = rows.output(self._inputs(rows, known), self._states(rows, model), numbers)
+        load, channels = y[:len(loads)], y[len(loads):]
+        answer = ca.sqrt(ca.sum2(ca.jacobian(channels, torque) ** 2) + 1e-30)
+        least = [n.white / answer[c] for c, n in enumerate(noise[:len(self.asked.outputs)])]
+        margin = (CLEAR * ca.mmin(ca.vertcat(*least))) ** 2
+        share = 1.0
+        for k in range(len(loads)):
+            share *= load[k] ** 2 / (load[k] ** 2 + margin)
+        return ca.substitute(ca.sqrt(share + 1e-12), torque, ca.vertcat(*given.values()))
+
+    def block(self, block, noise):
         """Columns of a block: derivatives, and the difference to the rival as the last one.
 
         Parameters
         ----------
         block : Block
+        noise : list of ChannelNoise
 
         Returns
         -------
         SX, shape (channels, columns)
+            Nothing where the sign of a load is in doubt.
         """
         model, values = (block.model, block.values) if block.other is None else block.other
         given = self.torques(model, values)  # the machine is the rival, where there is one
         y, slope = self.channels(block.model, block.values, given, block.free)
+        clear = self.clear(model, values, given, noise)
         if block.other is None:
-            return slope
-        return ca.horzcat(slope, self.channels(*block.other, given)[0] - y)
+            return clear * slope
+        return clear * ca.horzcat(slope, self.channels(*block.other, given)[0] - y)
 
 
 class StrokeInformation:
@@ -236,7 +280,7 @@ class StrokeInformation:
         self.asked, self.kin, self.noise, self.dwell, self.interval = asked, kin, noise, dwell, interval
         node = Node(asked, kin)
         self.columns = [block.free for block in blocks]
-        parts = [ca.densify(node.block(b)) for b in blocks]
+        parts = [ca.densify(node.block(b, noise)) for b in blocks]
         self.widths = [p.size2() for p in parts]
         self.point = ca.Function("point", node.arguments, [ca.cse(ca.horzcat(*parts))])
         torque = node.torques(*limited)

@@ -129,10 +129,11 @@ def main():
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--twin-seeds", type=int, default=30)
     parser.add_argument("--pairs", type=int, default=10)
+    parser.add_argument("--references", nargs="+", choices=REFERENCES, default=REFERENCES)
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args()
     with ProcessPoolExecutor(args.workers) as pool:
-        for reference in REFERENCES if args.seeds else ():
+        for reference in args.references if args.seeds else ():
             compared(reference, args.seeds, pool)
         if args.pairs:
             from benchmarks.plan import twins
