@@ -108,11 +108,21 @@ def predicted_fit(dataset, model, free, values, noise, part="fit", seed=0):
     gram[:-1, :-1] = sum(w ** 2 * j @ j.T for w, j in zip(weights, slope))
     rng, covariances = np.random.default_rng(seed), []
     for _ in range(DRAWS):
-        drawn = drawn_noise(dataset, noise, part, rng)
+        drawn = _fitted(drawn_noise(dataset, noise, part, rng), slope, gram[:-1, :-1], weights)
         fit = identify._result(problem, slope, drawn, gram, x, free, variables, weights)
         covariances.append(fit.covariance)
     fit.covariance = np.mean(covariances, axis=0)
+    spread = np.mean([np.sqrt(np.diag(c)) for c in covariances], axis=0)  # of intervals, not of their squares
+    share = spread / np.where(fit.stderr > 0, fit.stderr, 1.0)
+    fit.covariance = fit.covariance * np.outer(share, share)
     return fit
+
+
+def _fitted(residual, slope, normal, weights):
+    """What a fit leaves of a residual."""
+    pull = sum(w ** 2 * j @ r for w, j, r in zip(weights, slope, residual))
+    step = identify.invert(normal)[0] @ pull
+    return residual - np.einsum("cpn,p->cn", slope, step)
 
 
 def drawn_noise(dataset, noise, part, rng):
