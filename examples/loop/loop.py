@@ -1,6 +1,6 @@
 """Plan, run, identify, diagnose, and plan again, until the friction of a machine is known as well as wanted.
 
-Run: python examples/loop/loop.py [--out loop] [--budget 60] [--most 5]
+Run: python examples/loop/loop.py [--out loop] [--budget 80] [--most 6]
 The machine is a plant FMU with a loss that the model at the start lacks. The loop ends when every parameter's interval
 is as narrow as wanted, no effect of the list could hide above its wanted size, and the diagnosis finds nothing more; or
 after so many experiments. It leaves the logs, what it found after each experiment, and a figure.
@@ -28,11 +28,11 @@ HERE = Path(__file__).parent
 STUDY = HERE.parent / "hip_knee" / "study.toml"
 IMAGE = HERE.parents[1] / "docs" / "images" / "loop"
 # widest 95 % interval, by the last part of the name: N.m and 1; both distal losses are hard to tell apart on any motion
-WANTED = {"f0": 0.008, "mu": 0.01}
-DISTAL = 0.1
+WANTED = {"f0": 8e-4, "mu": 2e-3}
+DISTAL = 0.03
 # largest size that may stay unseen: N.m.s/rad, N.m, 1
-UNSEEN = {("viscous", "1A"): 4e-3, ("viscous", "2A"): 4e-3, ("torque_offset", "motor1"): 5e-3,
-          ("torque_offset", "motor2"): 5e-3, ("torque_constant", "motor1"): 0.01, ("torque_constant", "motor2"): 0.01}
+UNSEEN = {("viscous", "1A"): 3e-4, ("viscous", "2A"): 3e-4, ("torque_offset", "motor1"): 3e-4,
+          ("torque_offset", "motor2"): 3e-4, ("torque_constant", "motor1"): 7e-4, ("torque_constant", "motor2"): 7e-4}
 
 
 def experiment(plan, number, out, library):
@@ -86,7 +86,7 @@ def learn(study, library):
         study = replace(study, effects=[*study.effects, found.winner.key])
 
 
-def loop(out, budget=60.0, most=5, say=print):
+def loop(out, budget=80.0, most=6, say=print):
     """Run the loop.
 
     Returns
@@ -142,8 +142,8 @@ def main():
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("loop"))
-    parser.add_argument("--budget", type=float, default=60.0, help="of each experiment [s]")
-    parser.add_argument("--most", type=int, default=5, help="experiments")
+    parser.add_argument("--budget", type=float, default=80.0, help="of each experiment [s]")
+    parser.add_argument("--most", type=int, default=6, help="experiments")
     args = parser.parse_args()
     history = loop(args.out, args.budget, args.most)
     figure = draw(history)
