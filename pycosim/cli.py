@@ -433,8 +433,8 @@ def _plan(run, arguments):
     run.lines += plan_results.summary(result)
 
 
-VERB = {"plan": _plan, "compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve,
-        "export": _export}
+VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve,
+        "plan": _plan, "export": _export}
 
 
 def checked_effect(run, text):

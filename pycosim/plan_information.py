@@ -96,7 +96,7 @@ class Node:
 
     Parameters
     ----------
-    dataset : Asked
+    asked : Asked
         What is compared, see `pycosim.plan.Asked`.
     kin : Kinematics
     """
@@ -167,9 +167,15 @@ class Node:
     def references(self, model, values):
         """Reference channels as the model without measurements predicts them.
 
+        Parameters
+        ----------
+        model : Model
+        values : dict of str to float
+
         Returns
         -------
         dict of str to SX
+            Empty where the rig has no model of its load.
         """
         if not model.notes.get("gravity_model"):
             return {}

@@ -231,7 +231,8 @@ def _sampled(pieces, end, rate, strokes):
             held[-1] = (held[-1][0], p.begin + p.duration)
         else:
             held.append((p.begin, p.begin + p.duration))
-    return Motion(time, start + velocity * done, velocity * share, velocity * rate_of, label, held, list(strokes), pieces)
+    return Motion(time, start + velocity * done, velocity * share, velocity * rate_of, label, held, list(strokes),
+                  pieces)
 
 
 def profile(t, duration, ramp):

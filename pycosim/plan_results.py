@@ -123,8 +123,8 @@ def summary(result):
     speeds = sorted({round(max(abs(v) for v in s["speed"].values()), 2) for s in result["strokes"]})
     lines = [f"The next experiment takes {result['duration']:.0f} s: {len(result['strokes'])} lines in "
              f"{len({s['zone'] for s in result['strokes']})} zones, "
-             f"{sum(s['cycles'] for s in result['strokes'])} times to and fro, at {speeds[0]:g} to {speeds[-1]:g} rad/s "
-             f"of the faster motor; {len(result['held_out'])} cycles are held out."]
+             f"{sum(s['cycles'] for s in result['strokes'])} times to and fro, at {speeds[0]:g} to {speeds[-1]:g} "
+             f"rad/s of the faster motor; {len(result['held_out'])} cycles are held out."]
     for n, p in result["parameters"].items():
         unit = "" if p["unit"] == "1" else f" {p['unit']}"
         now = f"{number(p['width_now'])}{unit} wide now" if p["identifiable_now"] else "open now"
@@ -138,8 +138,8 @@ def summary(result):
         lines.append(f"Left undetermined: {text}.")
     loss = result["identifiability"]["channels"].get("loss")
     if loss:
-        lines.append(f"Without a reference of the joint torques, this motion gives intervals {loss:.2g} times as wide as "
-                     "with one, over what both determine.")
+        lines.append(f"Without a reference of the joint torques, this motion gives intervals {loss:.2g} times as wide "
+                     "as with one, over what both determine.")
     for s in result["rivals"]:
         lines.append(_told(s))
     return lines + result["doubts"]

@@ -228,8 +228,8 @@ def _size(study, name, low, high, unit):
     """Greatest size of what a motor does both ways."""
     low, high = -math.inf if low is None else low, math.inf if high is None else high
     if not low < 0 < high and not (low == -math.inf and high > 0):
-        raise PlanError(f"{study.path}: [limits] '{name}' from {low:g} to {high:g} {unit} keeps the motor from standing "
-                        "still, so no experiment fits; let it hold zero")
+        raise PlanError(f"{study.path}: [limits] '{name}' from {low:g} to {high:g} {unit} keeps the motor from "
+                        "standing still, so no experiment fits; let it hold zero")
     return min(high, -low)
 
 

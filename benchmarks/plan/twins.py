@@ -1,4 +1,4 @@
-"""Ten pairs of effects that the six manoeuvres at one speed cannot tell apart, before and after a planned experiment."""
+"""Ten pairs of effects: how often the right one is named after six manoeuvres at one speed, and after a plan."""
 
 from __future__ import annotations
 
