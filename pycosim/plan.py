@@ -374,7 +374,7 @@ class Optimiser:
         """Constraints at a point that keeps these ends, or None."""
         problem = {**self.problem, "f": ca.MX(0)}
         solver = ca.nlpsol("feasible", "ipopt", problem, {"print_time": False, "ipopt": {
-            "print_level": 0, "sb": "yes", "max_iter": 100, "max_wall_time": 4.0,
+            "print_level": 0, "sb": "yes", "max_iter": 60, "max_wall_time": 1.5,
             "hessian_approximation": "limited-memory"}})
         least, most = self._bounds()
         found = solver(x0=self.start(np.random.default_rng(0)) / self.scale, lbx=least, ubx=most, lbg=low, ubg=high)

@@ -60,7 +60,7 @@ def test_a_plan_keeps_its_limits(one):
     within(one)
 
 
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(low=st.floats(-3, 0), span=st.floats(0.01, 4), speed=st.floats(0.3, 100), acceleration=st.floats(2, 1000),
        torque=st.floats(0.02, 2), budget=st.floats(5, 90))
 def test_no_limit_is_ever_exceeded_and_what_is_impossible_is_said(tmp_path, low, span, speed, acceleration, torque,
@@ -68,7 +68,7 @@ def test_no_limit_is_ever_exceeded_and_what_is_impossible_is_said(tmp_path, low,
     study = geared(tmp_path, q=(low, low + span), motor__w=(None, speed), motor__a=(None, acceleration),
                    motor__tau=(None, torque))
     try:
-        plan = planned(study, budget=budget, patience=8.0)
+        plan = planned(study, budget=budget, patience=3.0)
     except PlanError as error:
         named = ("motor.w", "motor.a", "motor.tau", "'q'", "budget", "way", "speed", "stop")
         assert any(n in str(error) for n in named)
@@ -111,12 +111,12 @@ def test_the_profile_s_speed_and_acceleration_are_its_derivatives():
 ])
 def test_impossible_limits_are_named(tmp_path, limits, said):
     with pytest.raises(PlanError, match=said):
-        planned(geared(tmp_path, **limits), patience=8.0)
+        planned(geared(tmp_path, **limits), patience=3.0)
 
 
 def test_a_budget_too_short_says_how_much_is_needed(tmp_path):
     with pytest.raises(PlanError, match="budget of 3 s"):
-        planned(geared(tmp_path), budget=3.0, patience=8.0)
+        planned(geared(tmp_path), budget=3.0, patience=3.0)
 
 
 def test_a_plan_covers_both_directions_several_speeds_and_holds_a_part_out(one):
