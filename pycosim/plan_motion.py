@@ -231,6 +231,7 @@ def _sampled(pieces, end, rate, strokes):
             held[-1] = (held[-1][0], p.begin + p.duration)
         else:
             held.append((p.begin, p.begin + p.duration))
+    held = [(a, min(b, float(time[-1]))) for a, b in held]
     return Motion(time, start + velocity * done, velocity * share, velocity * rate_of, label, held, list(strokes),
                   pieces)
 
