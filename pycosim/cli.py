@@ -37,6 +37,9 @@ VERBS = {
             "Without a place, every place is tried and the best by cross-validation is taken."),
     "improve": ("diagnose, add, refit, until nothing is left to learn", "ladder.json",
                 "pycosim improve study.toml --data run1.csv", ""),
+    "plan": ("the next experiment: what to move so that the data answers", "plan.json",
+             "pycosim plan study.toml --data run1.csv --budget 120",
+             "Writes plan.csv, a motion of the motors within the study's [limits]; 'pycosim cosim' can follow it."),
     "report": ("the search as one HTML page, to zoom and to pass on", "ladder.json",
                "pycosim report study.toml --data run1.csv",
                "Searches as improve does. The page opens offline; its numbers are in data/, its figures for print in "
@@ -57,6 +60,7 @@ WRITES = {
                 "study.toml", "model.mo", "report.html"),
     "report": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
                "study.toml", "model.mo", "report.html"),
+    "plan": ("plan.json", "plan.csv"),
     "export": ("export.json",), "cosim": ("cosim.json", "run.csv", "checkpoint.zip"),
 }
 # option of export: what it may be, what it is when not given, what it means
@@ -67,6 +71,9 @@ EXPORT = {
     "--platforms": (("host", "all"), "host", "binaries for this machine, or for linux, windows and macOS"),
     "--real": (("double", "float"), "double", "numbers of the C export"),
 }
+
+
+PLAN = ("--goal", "--budget", "--rate", "--criterion", "--between")
 
 
 class UsageError(PycosimError):
@@ -128,6 +135,8 @@ def build_parser():
             sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
         for option, (choices, usual, meaning) in (EXPORT if verb == "export" else {}).items():
             sub.add_argument(option, choices=choices, default=usual, help=f"{meaning} (default: {usual})")
+        if verb == "plan":
+            _plan_options(sub)
         reads = verb not in ("demo", "export", "cosim")
         sub.add_argument("--data", nargs="+", metavar="FILE",
                          help="logs, instead of the study's own" if reads else argparse.SUPPRESS)
@@ -139,6 +148,18 @@ def build_parser():
                          help=f"print {VERBS[verb][1] or 'where the study is'} and nothing else")
         sub.add_argument("--quiet", action="store_true", help="print nothing but errors")
     return parser
+
+
+def _plan_options(sub):
+    sub.add_argument("--goal", choices=("parameters", "twins", "detect"), default="parameters",
+                     help="narrow intervals, separate what the diagnosis could not, or show what no data could "
+                          "(default: parameters)")
+    sub.add_argument("--budget", type=float, default=120.0, metavar="SECONDS", help="longest duration (default: 120)")
+    sub.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="samples a second (default: 100)")
+    sub.add_argument("--criterion", choices=("intervals", "D", "E"), default="intervals",
+                     help="of the parameters: their mean interval, the volume, or the worst direction "
+                          "(default: intervals)")
+    sub.add_argument("--between", nargs=2, metavar="EFFECT@PLACE", help="separate these two, whatever the diagnosis")
 
 
 def _rigs(**_):
@@ -180,6 +201,7 @@ def parse(argv):
         what = "option" if unknown[0].startswith("-") else "argument"
         known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
         known += EXPORT if known and arguments.verb == "export" else []
+        known += PLAN if known and arguments.verb == "plan" else []
         known += ["--until", "--resume", "--checkpoint-every"] if known and arguments.verb == "cosim" else []
         known += ["--port", "--no-browser"] if known and arguments.verb == "app" else []
         raise UsageError(f"unknown {what} '{unknown[0]}'{closest(unknown[0], known)}; "
@@ -456,8 +478,28 @@ def again(study, data):
     return shlex.join(["pycosim", "report", study.path.name, *(["--data", *data] if data else [])])
 
 
+def _plan(run, arguments):
+    from . import plan, plan_figures, plan_results
+    fit = None
+    if run.dataset is not None:
+        fit = run.fit()
+    known = plan.known(run.study, run.library, run.model, run.dataset, fit)
+    blocks = None
+    if arguments.between:
+        keys = [tuple(text.partition("@")[::2]) for text in arguments.between]
+        blocks = plan.twins_of(known, [keys], run.progress)
+    goal = "twins" if arguments.between else arguments.goal
+    found = plan.make_plan(known, goal, arguments.budget, arguments.rate, blocks, arguments.criterion, run.progress)
+    result = plan_results.plan(found)
+    run.write("plan.json", result)
+    run.write("plan.csv", plan_results.csv(found))
+    run.progress("drawing")
+    plan_figures.write_plan(run.folder.temporary, found)
+    run.lines += plan_results.summary(result)
+
+
 VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve,
-        "report": _improve, "export": _export}
+        "report": _improve, "plan": _plan, "export": _export}
 
 
 def checked_effect(run, text):
@@ -806,7 +848,10 @@ def run_verb(arguments, progress):
         raise UsageError("export reads no log, its values are the study's; 'pycosim identify STUDY --data FILE' finds "
                          "them")
     with run.folder:
-        if arguments.verb != "export":
+        run.dataset = None
+        if arguments.verb == "plan" and not (run.study.runs or run.study.held_out):
+            run.lines.append("No log was given: what is known is what the study's [parameters] say.")
+        elif arguments.verb != "export":
             run.read()
         VERB[arguments.verb](run, arguments)
     if arguments.json:

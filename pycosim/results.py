@@ -154,7 +154,7 @@ def ladder(steps, dataset):
     return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "steps": [
         {"added": None if s.added is None else {"effect": s.added[0], "place": s.added[1]},
          "error": s.error, "held_out_error": s.held_out_error,
-         "predicted_error": s.finding.predicted_error if s.finding else None} for s in steps]})
+         "predicted_error": s.finding.predicted_error or None if s.finding else None} for s in steps]})
 
 
 def improved_study(study, model, fit):

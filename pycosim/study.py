@@ -22,12 +22,13 @@ READERS = ("bam", "epos")
 # What a log may hold although the rig has no such variable: effects read it, or it is only looked at.
 LOG_VARIABLES = {"time": "s", "temperature": "degC"}
 
-_TABLES = ("rig", "parameters", "data", "columns", "effects")
+_TABLES = ("rig", "parameters", "limits", "data", "columns", "effects")
 _TOP_KEYS = ("w_min", "seed")
 _RIG_KEYS = ("model", "modelica")
 _SETTING_KEYS = ("value", "min", "max", "fixed")
 _COLUMN_KEYS = ("variable", "unit", "k_m", "zero")
 _EFFECT_KEYS = ("effect", "place")
+_LIMIT_KEYS = ("min", "max")
 _DATA_KEYS = ("runs", "held_out", "reference", "label", "time_column", "w_min", "seed", "drop_outs",
               "average", "reader")
 _KINDS = {str: "a text in quotes", float: "a number", bool: "true or false", list: "a list",
@@ -125,6 +126,9 @@ class Study:
         ``file``: one file is one sample, its mean.
     reader : str or None
         Format of the logs when their ending does not say it.
+    limits : dict of str to (float or None, float or None)
+        Least and greatest value of a variable, or of a sum of joint or motor angles as ``q_H + q_K``, that a planned
+        experiment keeps to.
     """
 
     path: Path
@@ -143,6 +147,7 @@ class Study:
     drop_outs: str = "refuse"
     average: str | None = None
     reader: str | None = None
+    limits: dict = field(default_factory=dict)
 
     @property
     def name(self):
@@ -332,6 +337,7 @@ def load_study(path):
     rig, modelica = _rig(source, tables)
     data = _data(source, tables)
     return Study(source.path, rig, modelica, _parameters(source, tables.get("parameters", {})),
+                 limits=_limits(source, tables.get("limits", {})),
                  columns=_columns(source, tables.get("columns", {}), data), effects=_effects(source, tables), **data)
 
 
@@ -425,6 +431,21 @@ def _parameters(source, table):
             bounds = f"{'-inf' if low is None else f'{low:g}'} to {'inf' if high is None else f'{high:g}'}"
             raise source.error(where, f"value {value:g} is outside its own bounds {bounds}", name, BoundsError)
         found[name] = Setting(value, low, high, source.take(given, "fixed", bool, where, None, name))
+    return found
+
+
+def _limits(source, table):
+    """The [limits] table: (min, max) by variable or sum of angles."""
+    found = {}
+    for name, given in _leaves(table, _LIMIT_KEYS):
+        where = f"[limits] '{name}'"
+        if not isinstance(given, dict) or not given:
+            raise source.error(where, "must be a table, as { min = -0.4, max = 2.0 }", name)
+        source.keys(given, _LIMIT_KEYS, where, name)
+        low, high = (source.take(given, k, float, where, None, name) for k in _LIMIT_KEYS)
+        if low is not None and high is not None and low >= high:
+            raise source.error(where, f"min {low:g} is not below max {high:g}", name, BoundsError)
+        found[name] = (low, high)
     return found
 
 
@@ -524,6 +545,10 @@ def _lines(study, folder):
         yield "\n[parameters]"
         for name, setting in study.parameters.items():
             yield f"{_toml(name)} = {_toml(_given(setting, _SETTING_KEYS))}"
+    if study.limits:
+        yield "\n[limits]"
+        for name, ends in study.limits.items():
+            yield f"{_toml(name)} = {_toml({k: v for k, v in zip(_LIMIT_KEYS, ends) if v is not None})}"
     yield "\n[data]"
     for key in ("runs", "held_out"):
         yield f"{key} = {_toml(_relative(getattr(study, key), folder))}"

@@ -14,7 +14,7 @@ import numpy as np
 from .. import identify, results
 from ..compile import Library, compile_model
 from ..dataset import Dataset
-from ..diagnose import _nudged, diagnose
+from ..diagnose import Finding, _nudged, diagnose
 from ..errors import PycosimError, StudyError
 from ..export import export
 from ..improve import step_of
@@ -212,7 +212,7 @@ class Workbench:
         fit = identify.fit(self.dataset, model, known.fit.parameters if known and known.fit
                            else _nudged(start, model, known))
         say("computing errors")
-        added = step_of(self.dataset, model, fit, (effect, place))
+        added = step_of(self.dataset, model, fit, known or Finding(effect, place))
         say("done")
         if self.step is step:
             self.steps, self.found = [*self.steps, added], None

@@ -9,7 +9,7 @@ from pycosim import demo, identify, results
 from pycosim.compile import Library
 from pycosim.dataset import Dataset
 from pycosim.dependence import noise_floor
-from pycosim.diagnose import diagnose
+from pycosim.diagnose import Finding, diagnose
 from pycosim.improve import Improvement, step_of
 from pycosim.report import figures
 from pycosim.report.values import PIXELS, envelope
@@ -36,7 +36,7 @@ def improvement(dataset):
     from pycosim.compile import compile_model
     larger = compile_model(dataset.library, dataset.study.rig, [(effect, place)])
     fit = next(f.fit for f in first.candidates if f.key == (effect, place))
-    steps = [step_of(dataset, dataset.base, base), step_of(dataset, larger, fit, (effect, place))]
+    steps = [step_of(dataset, dataset.base, base), step_of(dataset, larger, fit, Finding(effect, place))]
     return Improvement(first, first, steps)
 
 

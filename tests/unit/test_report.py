@@ -32,7 +32,7 @@ def found(tmp_path_factory):
     first = diagnose(dataset, dataset.base, base)
     winner = first.winner
     larger = compile_model(library, dataset.study.rig, [winner.key])
-    steps = [step_of(dataset, dataset.base, base), step_of(dataset, larger, winner.fit, winner.key)]
+    steps = [step_of(dataset, dataset.base, base), step_of(dataset, larger, winner.fit, winner)]
     improvement = Improvement(first, first, steps)
     path = folder.path / "report.html"
     return dataset, improvement, path, write_report(path, dataset, improvement, "pycosim report study.toml")

@@ -17,7 +17,8 @@ SOURCES = [ROOT / f for f in subprocess.run(["git", "ls-files", "--cached", "--o
 ARROW = (("errors", "variables"), ("compile",), ("simulate", "measurements"), ("identify",), ("compare",),
          ("diagnose", "plan"), ("improve",), ("results", "export", "cosimulate"), ("report",), ("demo",),
          ("cli", "app"))
-ONLY = {"pymoca": {"compile"}, "antlr4": {"compile"}, "matplotlib": {"report", "cosim_figures"}, "argparse": {"cli"},
+ONLY = {"pymoca": {"compile"}, "antlr4": {"compile"}, "argparse": {"cli"},
+        "matplotlib": {"report", "cosim_figures", "plan_figures"},
         "nicegui": {"app"}, "plotly": {"report"}, "fmpy": {"cosimulate", "export"},
         "fmpy.simulation": {"cosimulate"}, "fmpy.simulate_fmu": {"cosimulate"}}
 
