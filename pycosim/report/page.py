@@ -118,16 +118,10 @@ class Page:
         return {"lines": lines, "tables": [runs, self._excitation()], "plane": self._keep(charts.plane(d))}
 
     def _excitation(self):
-        """What the log varies, as the diagnosis says it, else as the samples show it."""
-        told = self.first.get("excitation")
-        if told:
-            rows = [(worded(e["variable"]), number(e["min"]), number(e["max"]), e.get("levels", ""), e["unit"])
-                    for e in told]
-            return _table("What the log varies", ("variable", "least", "largest", "levels", "unit"), rows)
-        _, _, known = values.sampled(self.dataset, *self.models[0])
-        rows = [(worded(n), number(float(v.min())), number(float(v.max())), charts.unit_of(self.dataset, n))
-                for n, v in known.items()]
-        return _table("What the log varies", ("variable", "least", "largest", "unit"), rows)
+        """What the log varies, as the diagnosis says it."""
+        rows = [(worded(e["variable"]), number(e["min"]), number(e["max"]), e["levels"], e["unit"])
+                for e in self.first["excitation"]]
+        return _table("What the log varies", ("variable", "least", "largest", "levels", "unit"), rows)
 
     # ---- model and measurement
 
