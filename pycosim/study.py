@@ -29,7 +29,10 @@ _SETTING_KEYS = ("value", "min", "max", "fixed")
 _COLUMN_KEYS = ("variable", "unit", "k_m", "zero")
 _EFFECT_KEYS = ("effect", "place")
 _DATA_KEYS = ("runs", "held_out", "reference", "label", "time_column", "w_min", "seed", "drop_outs",
-              "average", "reader")
+              "average", "reader", "most")
+MOST = 2_000_000
+"""Rows of a log that are read one by one, if the study does not say."""
+_LEAST_MOST = 100
 _KINDS = {str: "a text in quotes", float: "a number", bool: "true or false", list: "a list",
           dict: "a table", int: "an integer"}
 
@@ -125,6 +128,8 @@ class Study:
         ``file``: one file is one sample, its mean.
     reader : str or None
         Format of the logs when their ending does not say it.
+    most : int
+        A log with more rows is read as means of consecutive rows, about so many.
     """
 
     path: Path
@@ -143,6 +148,7 @@ class Study:
     drop_outs: str = "refuse"
     average: str | None = None
     reader: str | None = None
+    most: int = MOST
 
     @property
     def name(self):
@@ -360,12 +366,16 @@ def _data(source, tables):
     seed = source.take(both, "seed", int, where, 0)
     if seed < 0:
         raise source.error(where, f"seed = {seed} must not be negative", "seed")
+    most = source.take(table, "most", int, where, MOST)
+    if most < _LEAST_MOST:
+        raise source.error(where, f"most = {most} rows of a log are too few to learn from; use {_LEAST_MOST} at least",
+                           "most")
     runs, held_out = (_paths(source, table, key, where) for key in ("runs", "held_out"))
     fitted = [path for path in runs if path not in held_out]  # held_out may pick among runs
     if runs and not fitted:
         raise source.error(where, f"every log, {runs[0].name} first, is in runs and in held_out, so nothing is left to "
                            "fit; hold fewer out", "held_out")
-    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=seed,
+    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=seed, most=most,
                 reference=source.choice(table, "reference", REFERENCES, where, "unknown"),
                 labels=source.take(table, "label", str, where, "manoeuvre"),
                 time_column=source.take(table, "time_column", str, where, "time"),
@@ -529,7 +539,7 @@ def _lines(study, folder):
         yield f"{key} = {_toml(_relative(getattr(study, key), folder))}"
     yield f"reference = {_toml(study.reference)}"
     names = {"labels": "label"}
-    for key in ("labels", "time_column", "w_min", "seed", "drop_outs", "average", "reader"):
+    for key in ("labels", "time_column", "w_min", "seed", "drop_outs", "average", "reader", "most"):
         value = getattr(study, key)
         if value != Study.__dataclass_fields__[key].default:
             yield f"{names.get(key, key)} = {_toml(value)}"
