@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import DataError, StudyError, closest
 
-# name in `[data] reader`, or ending of the file: module with `read(path, wanted, text) -> Table`, or, where files may be
-# larger than memory, `parts(path, wanted, text) -> (number of rows, iterator of Tables in order of rows)`
+# name in `[data] reader`, or ending of the file: module with `read(path, wanted, text) -> Table`, or, where a file may
+# be larger than memory, `parts(path, wanted, text) -> rows, iterator of Table`, see `read_parts`
 READERS = {"bam": "bam", "epos": "epos", ".csv": "comma", ".parquet": "parquet", ".pq": "parquet", ".mat": "matlab",
            ".mcap": "mcap", ".mf4": "mdf", ".mdf": "mdf"}
 
@@ -119,12 +119,16 @@ def read_text(path, encoding="utf-8-sig"):
 
 
 def text_blocks(path, encoding="utf-8-sig"):
-    """Yield the text of a file in blocks of whole lines.
+    """The text of a file in blocks of whole lines.
 
     Parameters
     ----------
     path : Path
     encoding : str
+
+    Yields
+    ------
+    str
 
     Raises
     ------
