@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.hidden_effects import machine as rig
 from pycosim import readers
+from pycosim.cli import main
 from pycosim.errors import DataError
 from pycosim.measurements import read_log
 from pycosim.readers import parquet
@@ -145,6 +147,16 @@ def test_a_broken_row_of_text_is_named_wherever_it_stands(tmp_path, monkeypatch,
     with pytest.raises(DataError) as told:
         read_log(tmp_path / "run.csv", Study(tmp_path / "study.toml", "x", columns=COLUMNS, most=MOST))
     assert words in str(told.value)
+
+
+def test_the_results_say_that_means_were_read(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    motion = rig.six_manoeuvres((0.8, 1.6), 1, longest_pass=3.0)
+    rig.write_csv(rig.measure(rig.PAPER, motion), "run.csv")
+    text = (ROOT / "examples" / "hip_knee" / "study.toml").read_text()
+    Path("study.toml").write_text(text.replace("[data]", "[data]\nmost = 2000"))
+    assert main(["identify", "study.toml", "--data", "run.csv"]) == 0
+    assert f"run.csv: {motion.time.size:,} rows, read as means of 3." in capsys.readouterr().out
 
 
 MEASURE = """
