@@ -76,7 +76,8 @@ def measured(name, path):
     if found.returncode:
         raise SystemExit(found.stderr)
     seconds, peak, told = json.loads(found.stdout.splitlines()[-1])
-    print(f"{name:8s} {path.name:18s} {path.stat().st_size / 2**20:8.0f} {seconds:8.1f} {peak:9.0f}  {told}", flush=True)
+    size = path.stat().st_size / 2**20
+    print(f"{name:8s} {path.name:18s} {size:8.0f} {seconds:8.1f} {peak:9.0f}  {told}", flush=True)
 
 
 def main():
