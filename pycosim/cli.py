@@ -676,7 +676,7 @@ def template(library, rig, runs):
     """
     from .compile import catalogue, compile_model, places
     from .start import first_parameters
-    from .study import _toml
+    from .study import MOST, _toml
     model = compile_model(library, rig)
     wanted, known = model.alternatives("estimate")[0]
     question = model.question("estimate")
@@ -696,6 +696,7 @@ def template(library, rig, runs):
     yield "held_out = []                # logs kept for the test"
     yield 'reference = "unknown"        # of the joint torques: "sensor", "gravity_model" (computed), "unknown"'
     yield '# drop_outs = "skip"         # leave rows with missing numbers out, rather than refuse the log'
+    yield f"# most = {MOST:_}            # a log with more rows is read as means of consecutive ones"
     yield "\n[columns]                    # left: the column in your log, right: what it is, and its unit there"
     speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.flat.variables]
     for name, role in [*((n, "needed") for n in known), *((n, "optional; else derived from the angle") for n in speeds),

@@ -247,6 +247,8 @@ def summary_data(dataset):
     lines = [f"{dataset.study.rig}: {runs}, {samples}, {moving} of them moving "
              f"(every segment above {number(dataset.w_min)} rad/s); {held} of {len(dataset.blocks)} {blocks} held out."]
     for log in dataset.logs:
+        if "means_of" in log.meta:
+            lines.append(f"{log.name}: {log.meta['file_rows']:,} rows, read as means of {log.meta['means_of']}.")
         if log.dropped:
             rows = sum(b - a + 1 for a, b in log.dropped)
             lines.append(f"{log.name}: {rows} {'row' if rows == 1 else 'rows'} left out.")

@@ -30,7 +30,10 @@ _COLUMN_KEYS = ("variable", "unit", "k_m", "zero")
 _EFFECT_KEYS = ("effect", "place")
 _LIMIT_KEYS = ("min", "max")
 _DATA_KEYS = ("runs", "held_out", "reference", "label", "time_column", "w_min", "seed", "drop_outs",
-              "average", "reader")
+              "average", "reader", "most")
+MOST = 2_000_000
+"""Rows of a log that are read one by one, if the study does not say."""
+_LEAST_MOST = 100
 _KINDS = {str: "a text in quotes", float: "a number", bool: "true or false", list: "a list",
           dict: "a table", int: "an integer"}
 
@@ -129,6 +132,8 @@ class Study:
     limits : dict of str to (float or None, float or None)
         Least and greatest value of a variable, or of a sum of joint or motor angles as ``q_H + q_K``, that a planned
         experiment keeps to.
+    most : int
+        A log with more rows is read as means of consecutive rows, about so many.
     """
 
     path: Path
@@ -148,6 +153,7 @@ class Study:
     average: str | None = None
     reader: str | None = None
     limits: dict = field(default_factory=dict)
+    most: int = MOST
 
     @property
     def name(self):
@@ -366,12 +372,16 @@ def _data(source, tables):
     seed = source.take(both, "seed", int, where, 0)
     if seed < 0:
         raise source.error(where, f"seed = {seed} must not be negative", "seed")
+    most = source.take(table, "most", int, where, MOST)
+    if most < _LEAST_MOST:
+        raise source.error(where, f"most = {most} rows of a log are too few to learn from; use {_LEAST_MOST} at least",
+                           "most")
     runs, held_out = (_paths(source, table, key, where) for key in ("runs", "held_out"))
     fitted = [path for path in runs if path not in held_out]  # held_out may pick among runs
     if runs and not fitted:
         raise source.error(where, f"every log, {runs[0].name} first, is in runs and in held_out, so nothing is left to "
                            "fit; hold fewer out", "held_out")
-    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=seed,
+    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=seed, most=most,
                 reference=source.choice(table, "reference", REFERENCES, where, "unknown"),
                 labels=source.take(table, "label", str, where, "manoeuvre"),
                 time_column=source.take(table, "time_column", str, where, "time"),
@@ -554,7 +564,7 @@ def _lines(study, folder):
         yield f"{key} = {_toml(_relative(getattr(study, key), folder))}"
     yield f"reference = {_toml(study.reference)}"
     names = {"labels": "label"}
-    for key in ("labels", "time_column", "w_min", "seed", "drop_outs", "average", "reader"):
+    for key in ("labels", "time_column", "w_min", "seed", "drop_outs", "average", "reader", "most"):
         value = getattr(study, key)
         if value != Study.__dataclass_fields__[key].default:
             yield f"{names.get(key, key)} = {_toml(value)}"

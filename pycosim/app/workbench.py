@@ -19,7 +19,7 @@ from ..errors import PycosimError, StudyError
 from ..export import export
 from ..improve import step_of
 from ..measurements import load
-from ..readers import read_table
+from ..readers import read_parts
 from ..report import values
 from ..start import first_parameters, rigs
 from ..study import Setting, Study, load_study, write_study
@@ -112,7 +112,7 @@ class Workbench:
         ------
         PycosimError
         """
-        return read_table(Path(path), None, set(), "").header
+        return next(read_parts(Path(path), None, set(), "")[1]).header
 
     def likely_rig(self, path):
         """The rig whose needed and compared variables a log's columns name best.
