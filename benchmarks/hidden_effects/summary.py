@@ -26,7 +26,8 @@ base model with the effect over the error without it. Made by
     python -m benchmarks.hidden_effects.run --out cases.jsonl
     python -m benchmarks.hidden_effects.summary cases.jsonl --figure docs/images/confusion.png > this page
 """
-WORDS = {"none": "with nothing hidden", "one": "with one effect of size 1.3 to 3", "weak": "with one effect of size 1.2",
+WORDS = {"none": "with nothing hidden", "one": "with one effect of size 1.3 to 3",
+         "weak": "with one effect of size 1.2",
          "pair": "with two effects", "outside": "with an effect that the catalogue lacks"}
 OTHER = {"nothing_missing": "nothing", "unexplained": "unexplained", "not_enough_excitation": "too little"}
 
