@@ -1,6 +1,6 @@
 """Draw the signature of every effect: what it changes in a joint's torque (or angle), over the variable it shows in.
 
-    python docs/effect_signatures.py        writes docs/images/effects/signatures.png
+    python docs/effect_signatures.py        writes docs/images/effects/signatures.png, and one picture an effect
 
 A passage of the hip-knee rig is moved to and fro at three speeds; its model is evaluated with and without the effect.
 """
@@ -65,40 +65,65 @@ def passage():
     return time, signals
 
 
-def draw(library):
-    """Contact sheet of all effects of the library: matplotlib Figure."""
+def signatures(library):
+    """What each effect changes, over the variable it shows in.
+
+    Parameters
+    ----------
+    library : Library
+
+    Yields
+    ------
+    effect : str
+    labels : dict of str to str
+        Title and labels of the axes.
+    parts : list of (ndarray, ndarray)
+        Variable and change, out and back.
+    """
     time, signals = passage()
     temperature = 22 + 6 * (1 - np.exp(-time / 40))
     bare = compile_model(library, RIG)
     without = {**signals, **estimate(bare, signals, time), "time": time, "temperature": temperature}
     without["shank"] = without["q_H"] + without["q_K"]
-    figure = Figure(figsize=(13, 15), layout="constrained")
-    for axes, (effect, (place, given, output, over)) in zip(figure.subplots(6, 4).ravel(), SHOWN.items()):
+    moving = np.abs(without["s1A.w"]) > 0.02
+    for effect, (place, given, output, over) in SHOWN.items():
         model = compile_model(library, RIG, [(effect, place)])
         base = f"{effect}_{place.replace('+', '_')}"
         known = {**signals, **{n: temperature for n in model.log_inputs}}
         found = estimate(model, known, time, {f"{base}.{n}": v for n, v in given.items()})
         change = found[output] - without[output]
-        moving = np.abs(without["s1A.w"]) > 0.02
-        for sign, colour, label in ((1, "tab:blue", "out"), (-1, "tab:red", "back")):
-            part = moving & (np.sign(without["s1A.w"]) == sign)
-            axes.plot(without[over][part], change[part], ".", ms=1, color=colour, label=label)
-        axes.set(title=f"{effect} @ {place}", xlabel=LABELS[over], ylabel=UNITS[output])
-    for axes in figure.axes[len(SHOWN):]:
-        axes.set_axis_off()
-    figure.axes[0].legend(markerscale=8)
-    return figure
+        ways = [moving & (np.sign(without["s1A.w"]) == sign) for sign in (1, -1)]
+        yield (effect, {"title": f"{effect} @ {place}", "xlabel": LABELS[over], "ylabel": UNITS[output]},
+               [(without[over][way], change[way]) for way in ways])
+
+
+def draw(axes, labels, parts):
+    """One signature: blue on the way out, red on the way back."""
+    for (x, y), colour, label in zip(parts, ("tab:blue", "tab:red"), ("out", "back")):
+        axes.plot(x, y, ".", ms=1, color=colour, label=label)
+    axes.set(**labels)
 
 
 def main():
-    """Write the sheet."""
+    """Write the sheet, and a picture for each effect."""
     library = Library()
     missing = set(catalogue(library)) - set(SHOWN)
     if missing:
         raise SystemExit(f"no signature for {', '.join(sorted(missing))}; add it to SHOWN")
-    path = Path(__file__).parent / "images" / "effects" / "signatures.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draw(library).savefig(path, dpi=80)
+    folder = Path(__file__).parent / "images" / "effects"
+    folder.mkdir(parents=True, exist_ok=True)
+    sheet = Figure(figsize=(13, 15), layout="constrained")
+    every = sheet.subplots(6, 4).ravel()
+    for axes, (effect, labels, parts) in zip(every, signatures(library)):
+        draw(axes, labels, parts)
+        single = Figure(figsize=(4.6, 3), layout="constrained")
+        draw(single.subplots(), labels, parts)
+        single.axes[0].legend(markerscale=8)
+        single.savefig(folder / f"{effect}.png", dpi=80)
+    for axes in every[len(SHOWN):]:
+        axes.set_axis_off()
+    every[0].legend(markerscale=8)
+    sheet.savefig(folder / "signatures.png", dpi=80)
 
 
 if __name__ == "__main__":

@@ -119,7 +119,7 @@ def build_parser():
                                formatter_class=argparse.RawDescriptionHelpFormatter, epilog=f"example:\n  {example}")
         if verb == "new":
             sub.add_argument("rig", metavar="RIG",
-                             help="Modelica class, as DriveTrain.Rigs.HipKnee or HipKnee").completer = _rigs
+                             help="Modelica class, as HipKnee, or a file of your own, as winch.mo").completer = _rigs
         elif verb == "cosim":
             sub.add_argument("scenario", metavar="SCENARIO", help="scenario file (TOML)")
             sub.add_argument("--until", type=float, metavar="T", help="stop at this time [s], with a checkpoint")
@@ -606,8 +606,9 @@ def _new(arguments):
     from .compile import Library
     from .results import FolderError
     from .study import load_study
-    library = Library()
-    rig = find_rig(library, arguments.rig)
+    own = [arguments.rig] if arguments.rig.endswith(".mo") else []
+    library = Library(own)
+    rig = own_rig(library, arguments.rig) if own else find_rig(library, arguments.rig)
     folder = Path(arguments.out or ".")
     path = folder / f"{rig.rsplit('.', 1)[-1]}.toml"
     if os.path.lexists(path):
@@ -615,7 +616,8 @@ def _new(arguments):
     for file in arguments.data or []:
         if not Path(file).is_file():
             raise UnknownNameError(f"no log {file}")
-    text = "\n".join(template(library, rig, [os.path.relpath(f, folder) for f in arguments.data or []])) + "\n"
+    runs, own = ([os.path.relpath(f, folder) for f in files] for files in (arguments.data or [], own))
+    text = "\n".join(template(library, rig, runs, own)) + "\n"
     made = []
     temporary = folder / f".{path.name}.{os.getpid()}"
     try:
@@ -659,7 +661,34 @@ def find_rig(library, name):
     raise UnknownNameError(f"no rig '{name}'{closest(name.rsplit('.', 1)[-1], known)}")
 
 
-def template(library, rig, runs):
+def own_rig(library, file):
+    """The class of a user's file that answers what a fit asks.
+
+    Parameters
+    ----------
+    library : Library
+        With the file.
+    file : str
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    UnknownNameError
+        None, or several.
+    """
+    from .compile.effects import annotation
+    found = [n for n in library.walk() if not n.startswith("DriveTrain.") and "estimate" in annotation(library, n)]
+    if len(found) == 1:
+        return found[0]
+    what = f"the rigs {', '.join(found)}; keep one in a file" if found else (
+        'no rig: no class with annotation(__pycosim(estimate="what is measured from what is known"))')
+    raise UnknownNameError(f"{file} holds {what}")
+
+
+def template(library, rig, runs, modelica=()):
     """Lines of a commented study for a rig.
 
     Parameters
@@ -669,6 +698,8 @@ def template(library, rig, runs):
         Full name.
     runs : list of str
         Logs, relative to the study.
+    modelica : sequence of str
+        Modelica files of the user, relative to the study.
 
     Yields
     ------
@@ -683,6 +714,8 @@ def template(library, rig, runs):
     yield f"# {library.find(rig).comment.strip(chr(34))}" if library.find(rig).comment else f"# {rig}"
     yield f"# Next: pycosim improve {rig.rsplit('.', 1)[-1]}.toml --data my_log.csv"
     yield f"\n[rig]\nmodel = {_toml(rig)}"
+    if modelica:
+        yield f"modelica = {_toml(list(modelica))}"
     yield "\n[parameters]                 # SI units; fixed = false is fitted, the others are the rig's defaults"
     open_ones = first_parameters(model, question)
     for name in [*open_ones, *sorted(set(question.parameters) - set(open_ones))]:

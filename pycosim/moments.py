@@ -86,10 +86,10 @@ class Moments:
         """
         code = self._code(x)
         self.starts = np.r_[0, np.flatnonzero(np.diff(code)) + 1]  # a run of samples keeps its pattern
-        patterns, first, self.pattern = np.unique(code[self.starts], return_index=True, return_inverse=True)
+        patterns, self.pattern = np.unique(code[self.starts], return_inverse=True)
         if len(patterns) > _MOST:
             return False
-        self.first = self.starts[first]
+        self.inside = self._inside(len(code))
         size = len(self.rows)
         self.second = np.empty((len(patterns), size, size))
         for i in range(size):
@@ -97,6 +97,13 @@ class Moments:
                 sums = np.add.reduceat(self.rows[i] * self.rows[j], self.starts)
                 self.second[:, i, j] = self.second[:, j, i] = np.bincount(self.pattern, sums, len(patterns))
         return self.holds(x)
+
+    def _inside(self, n):
+        """A sample of each pattern: the middle of its longest run, where a fit's next step hardly turns a sign."""
+        lengths = np.diff(np.r_[self.starts, n])
+        order = np.lexsort((lengths, self.pattern))
+        longest = order[np.flatnonzero(np.diff(np.r_[self.pattern[order], -1]))]
+        return self.starts[longest] + lengths[longest] // 2
 
     def holds(self, x):
         """Whether at x the model still is the affine maps, signs included; checked on some samples.
@@ -144,7 +151,7 @@ class Moments:
         k, count = len(f.varying), len(self.terms)
         found = np.zeros((len(self.second), channels, p + 1, len(self.rows)))
         found[:, np.arange(channels), p, 1 + 2 * k * count + np.arange(channels)] = 1.0
-        for t, (term, maps) in enumerate(zip(self.terms, self._maps(x, self.first))):
+        for t, (term, maps) in enumerate(zip(self.terms, self._maps(x, self.inside))):
             weighted = term.weight * maps.swapaxes(0, 1)  # patterns first
             noisy, clean = (slice(1 + k * s, 1 + k * (s + 1)) for s in (t, count + t))
             found[:, :, p, 0] -= weighted[:, :, 0, 0]
