@@ -39,10 +39,10 @@ typedef void Log(const Instance *m, Status status, const char *category, const c
 struct Instance {
     State s;
     Kind kind;
-    bool y_fresh, logging;
+    bool q_fresh, y_fresh, logging;
     Log *log;
     void *environment, *callback;
-    double xdot[DIM(NX)], y[DIM(NY)], x_next[DIM(NX)], z_next[DIM(NZ)];
+    double q[DIM(NQ)], xdot[DIM(NX)], y[DIM(NY)], x_next[DIM(NX)], z_next[DIM(NZ)]; /* q: what p alone asks for */
     double dx[DIM(NX)], du[DIM(NU)], dp[NP], dt, dxdot[DIM(NX)], dy[DIM(NY)];
     const double **arg;
     double **res, *w;
@@ -97,7 +97,7 @@ static void to_start(Instance *m) {
     memcpy(m->s.u, model_u_start, sizeof m->s.u);
     memcpy(m->s.p, model_p_start, sizeof m->s.p);
     m->s.phase = CREATED;
-    m->y_fresh = false;
+    m->q_fresh = m->y_fresh = false;
 }
 
 static size_t larger(size_t a, casadi_int b) { return b > 0 && (size_t)b > a ? (size_t)b : a; }
@@ -147,11 +147,21 @@ static void arguments(Instance *m, const double *z) {
 
 static void changed(Instance *m) { m->s.z_fresh = m->y_fresh = false; }
 
+/* What only the parameters ask for, worked out once for all steps that they last. */
+static const double *prepared(Instance *m) {
+    if (m->q_fresh) return m->q;
+    m->arg[0] = m->s.p, m->res[0] = m->q;
+    model_prepare(m->arg, m->res, m->iw, m->w, 0);
+    m->q_fresh = true;
+    return m->q;
+}
+
 /* Algebraic variables that fit states, inputs and parameters. */
 static Status solve(Instance *m) {
     if (m->s.z_fresh) return OK;
+    const double *q = prepared(m);
     arguments(m, m->s.z);
-    m->res[0] = m->s.z_now;
+    m->arg[3] = q, m->res[0] = m->s.z_now;
     if (model_initial(m->arg, m->res, m->iw, m->w, 0) || !finite_all(m->s.z_now, NZ))
         return fail(m, m->kind == MODEL_EXCHANGE ? DISCARD : ERROR,
                     "the loads have no solution at t = %g s; check that every joint has inertia", m->s.time);
@@ -274,6 +284,7 @@ static Status set_values(Instance *m, const uint32_t *vr, size_t n, const double
         double *place = v < VR_DX ? &m->s.x[v - VR_X] : v < VR_P ? &m->s.u[v - VR_U] : &m->s.p[v - VR_P];
         if (*place == value[k]) continue;
         *place = value[k];
+        if (v >= VR_P) m->q_fresh = false;
         changed(m);
     }
     return OK;
@@ -319,7 +330,7 @@ static bool step_once(Instance *m, double t, double h, double since) {
         left[k] = m->s.u[k] + m->s.du[k] * since;
         right[k] = m->s.u[k] + m->s.du[k] * (since + h);
     }
-    const double *in[] = {m->s.x, m->s.z, left, right, m->s.p, &t, &h};
+    const double *in[] = {m->s.x, m->s.z, left, right, prepared(m), &t, &h};
     memcpy(m->arg, in, sizeof in);
     double error = 0; /* of the equations, relative to what is tolerated */
     m->res[0] = m->x_next, m->res[1] = m->z_next, m->res[2] = &error;
@@ -474,7 +485,7 @@ static Status check_saved(Instance *m, const Saved *saved, const char *function)
 static Status restore(Instance *m, const Saved *saved, const char *function) {
     if (check_saved(m, saved, function) != OK) return ERROR;
     m->s = saved->s;
-    m->y_fresh = false;
+    m->q_fresh = m->y_fresh = false;
     return OK;
 }
 

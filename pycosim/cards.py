@@ -84,8 +84,12 @@ def sentence(library, finding, error):
 
 
 def _chance(p):
-    """A probability in words of one in so many."""
-    return f"one log of {round(1 / p):d}" if p < 0.5 else f"{100 * p:.0f} logs of 100"
+    """A probability in words of one in so many; the smallest that the draws can tell is a bound."""
+    if p > 0.995:
+        return "nearly every log"
+    if p > 0.5:
+        return f"{100 * p:.0f} logs of 100"
+    return f"{'at most ' if p <= 5e-4 else ''}one log of {round(1 / p):d}"
 
 
 def variable(library, finding):

@@ -14,6 +14,7 @@ import tempfile
 import time
 import traceback
 import warnings
+from functools import partial
 from pathlib import Path
 
 from . import __version__
@@ -36,6 +37,15 @@ VERBS = {
             "Without a place, every place is tried and the best by cross-validation is taken."),
     "improve": ("diagnose, add, refit, until nothing is left to learn", "ladder.json",
                 "pycosim improve study.toml --data run1.csv", ""),
+    "plan": ("the next experiment: what to move so that the data answers", "plan.json",
+             "pycosim plan study.toml --data run1.csv --budget 120",
+             "Writes plan.csv, a motion of the motors within the study's [limits]; 'pycosim cosim' can follow it."),
+    "report": ("the search as one HTML page, to zoom and to pass on", "ladder.json",
+               "pycosim report study.toml --data run1.csv",
+               "Searches as improve does. The page opens offline; its numbers are in data/, its figures for print in "
+               "figures/."),
+    "app": ("the same loop in a browser: compare, diagnose, add, undo, export", None, "pycosim app study.toml",
+            "Serves a page on this machine alone, until Ctrl-C. Without a study, drop a log in and map its columns."),
     "export": ("the identified machine as an FMU, C, Modelica, SSP, MJCF or JSON, for other tools", "export.json",
                "pycosim export study.toml --to fmu --fmi 3 --platforms all",
                "The study's values and effects are taken as they are; no log is read."),
@@ -47,7 +57,10 @@ WRITES = {
     "compare": ("comparison.json",), "identify": ("parameters.json",), "diagnose": ("diagnosis.json",),
     "add": ("study.toml", "parameters.json", "comparison.json"),
     "improve": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
-                "study.toml", "model.mo"),
+                "study.toml", "model.mo", "report.html"),
+    "report": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
+               "study.toml", "model.mo", "report.html"),
+    "plan": ("plan.json", "plan.csv"),
     "export": ("export.json",), "cosim": ("cosim.json", "run.csv", "checkpoint.zip"),
 }
 # option of export: what it may be, what it is when not given, what it means
@@ -58,6 +71,9 @@ EXPORT = {
     "--platforms": (("host", "all"), "host", "binaries for this machine, or for linux, windows and macOS"),
     "--real": (("double", "float"), "double", "numbers of the C export"),
 }
+
+
+PLAN = ("--goal", "--budget", "--rate", "--criterion", "--between")
 
 
 class UsageError(PycosimError):
@@ -108,12 +124,19 @@ def build_parser():
             sub.add_argument("scenario", metavar="SCENARIO", help="scenario file (TOML)")
             sub.add_argument("--until", type=float, metavar="T", help="stop at this time [s], with a checkpoint")
             sub.add_argument("--resume", metavar="FILE", help="go on from this checkpoint")
+            sub.add_argument("--checkpoint-every", type=float, metavar="S", dest="every",
+                             help="leave a checkpoint beside DIR every S seconds, until the run has ended")
         elif verb != "demo":
-            sub.add_argument("study", metavar="STUDY", help="study file (TOML)")
+            sub.add_argument("study", metavar="STUDY", help="study file (TOML)", nargs="?" if verb == "app" else None)
+        if verb == "app":
+            sub.add_argument("--port", type=int, default=8080, metavar="N", help="port of the page (default: 8080)")
+            sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
         if verb == "add":
             sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
         for option, (choices, usual, meaning) in (EXPORT if verb == "export" else {}).items():
             sub.add_argument(option, choices=choices, default=usual, help=f"{meaning} (default: {usual})")
+        if verb == "plan":
+            _plan_options(sub)
         reads = verb not in ("demo", "export", "cosim")
         sub.add_argument("--data", nargs="+", metavar="FILE",
                          help="logs, instead of the study's own" if reads else argparse.SUPPRESS)
@@ -127,9 +150,22 @@ def build_parser():
     return parser
 
 
+def _plan_options(sub):
+    sub.add_argument("--goal", choices=("parameters", "twins", "detect"), default="parameters",
+                     help="narrow intervals, separate what the diagnosis could not, or show what no data could "
+                          "(default: parameters)")
+    sub.add_argument("--budget", type=float, default=120.0, metavar="SECONDS", help="longest duration (default: 120)")
+    sub.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="samples a second (default: 100)")
+    sub.add_argument("--criterion", choices=("intervals", "D", "E"), default="intervals",
+                     help="of the parameters: their mean interval, the volume, or the worst direction "
+                          "(default: intervals)")
+    sub.add_argument("--between", nargs=2, metavar="EFFECT@PLACE", help="separate these two, whatever the diagnosis")
+
+
 def _rigs(**_):
     """Short names of the rigs, for a shell that completes them."""
     from .compile import Library
+    from .start import rigs
     return list(rigs(Library()))
 
 
@@ -165,7 +201,9 @@ def parse(argv):
         what = "option" if unknown[0].startswith("-") else "argument"
         known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
         known += EXPORT if known and arguments.verb == "export" else []
-        known += ["--until", "--resume"] if known and arguments.verb == "cosim" else []
+        known += PLAN if known and arguments.verb == "plan" else []
+        known += ["--until", "--resume", "--checkpoint-every"] if known and arguments.verb == "cosim" else []
+        known += ["--port", "--no-browser"] if known and arguments.verb == "app" else []
         raise UsageError(f"unknown {what} '{unknown[0]}'{closest(unknown[0], known)}; "
                          f"see 'pycosim {arguments.verb or ''} --help'".replace("  ", " "))
     if arguments.verb is None and argv:
@@ -192,6 +230,10 @@ class Progress:
         return self
 
     def __exit__(self, *_):
+        self.stop()
+
+    def stop(self):
+        """Say no more."""
         if self.status:
             self.status.stop()
 
@@ -215,7 +257,7 @@ class Run:
         from .study import load_study
 
         self.progress, self.results, self.verb = progress, results, arguments.verb
-        self.study = load_study(arguments.study)
+        self.study, self.given = load_study(arguments.study), arguments.data
         if arguments.data:
             self.study = self.study.with_data(arguments.data)
         self.library = Library(self.study.modelica)
@@ -325,13 +367,26 @@ class Run:
         Parameters
         ----------
         function : str
-            Of `pycosim.figures`.
+            Of `pycosim.report.figures`.
         *arguments
             Its arguments after folder and data set.
         """
-        from . import figures
+        from .report import figures
         self.progress("drawing")
         getattr(figures, function)(self.folder.temporary, self.dataset, *arguments)
+
+    def page(self, found):
+        """The report of a search, and for its own verb the numbers behind it.
+
+        Parameters
+        ----------
+        found : Improvement
+        """
+        from .report.page import write_numbers, write_report
+        self.progress("writing the report")
+        charts = write_report(self.folder.file("report.html"), self.dataset, found, again(self.study, self.given))
+        if self.verb == "report":
+            write_numbers(self.folder.file("data"), charts)
 
 
 # --- verbs ----------------------------------------------------------------------------------------------------------
@@ -391,6 +446,7 @@ def _improve(run, arguments):
     parameters = run.write_model(found.model, found.fit)
     run.write("model.mo", found.model.text.rstrip("\n") + "\n")
     run.draw("write_figures", found)
+    run.page(found)
     run.lines += run.results.summary_improvement(first, last, steps, parameters, run.library)
     run.lines += run.results.summary_parameters(parameters)
 
@@ -405,8 +461,45 @@ def _export(run, arguments):
     run.lines += done.lines
 
 
+def again(study, data):
+    """The command that makes a report of this study.
+
+    Parameters
+    ----------
+    study : Study
+    data : list of str or None
+        Logs given instead of the study's.
+
+    Returns
+    -------
+    str
+    """
+    import shlex
+    return shlex.join(["pycosim", "report", study.path.name, *(["--data", *data] if data else [])])
+
+
+def _plan(run, arguments):
+    from . import plan, plan_figures, plan_results
+    fit = None
+    if run.dataset is not None:
+        fit = run.fit()
+    known = plan.known(run.study, run.library, run.model, run.dataset, fit)
+    blocks = None
+    if arguments.between:
+        keys = [tuple(text.partition("@")[::2]) for text in arguments.between]
+        blocks = plan.twins_of(known, [keys], run.progress)
+    goal = "twins" if arguments.between else arguments.goal
+    found = plan.make_plan(known, goal, arguments.budget, arguments.rate, blocks, arguments.criterion, run.progress)
+    result = plan_results.plan(found)
+    run.write("plan.json", result)
+    run.write("plan.csv", plan_results.csv(found))
+    run.progress("drawing")
+    plan_figures.write_plan(run.folder.temporary, found)
+    run.lines += plan_results.summary(result)
+
+
 VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve,
-        "export": _export}
+        "report": _improve, "plan": _plan, "export": _export}
 
 
 def checked_effect(run, text):
@@ -545,21 +638,6 @@ def _new(arguments):
     return path
 
 
-def rigs(library):
-    """Rigs of a library.
-
-    Parameters
-    ----------
-    library : Library
-
-    Returns
-    -------
-    dict of str to str
-        Full name by short name.
-    """
-    return {n.rsplit(".", 1)[-1]: n for n in library.walk() if ".Rigs." in n}
-
-
 def find_rig(library, name):
     """Full name of a rig, from its full or its short name.
 
@@ -576,6 +654,7 @@ def find_rig(library, name):
     ------
     UnknownNameError
     """
+    from .start import rigs
     known = rigs(library)
     if name in known or name in known.values():
         return known.get(name, name)
@@ -627,7 +706,8 @@ def template(library, rig, runs, modelica=()):
     str
     """
     from .compile import catalogue, compile_model, places
-    from .study import _toml
+    from .start import first_parameters
+    from .study import MOST, _toml
     model = compile_model(library, rig)
     wanted, known = model.alternatives("estimate")[0]
     question = model.question("estimate")
@@ -637,7 +717,7 @@ def template(library, rig, runs, modelica=()):
     if modelica:
         yield f"modelica = {_toml(list(modelica))}"
     yield "\n[parameters]                 # SI units; fixed = false is fitted, the others are the rig's defaults"
-    open_ones = list(_free(model, question))
+    open_ones = first_parameters(model, question)
     for name in [*open_ones, *sorted(set(question.parameters) - set(open_ones))]:
         p = model.parameters[name]
         fixed = name not in open_ones
@@ -649,6 +729,7 @@ def template(library, rig, runs, modelica=()):
     yield "held_out = []                # logs kept for the test"
     yield 'reference = "unknown"        # of the joint torques: "sensor", "gravity_model" (computed), "unknown"'
     yield '# drop_outs = "skip"         # leave rows with missing numbers out, rather than refuse the log'
+    yield f"# most = {MOST:_}            # a log with more rows is read as means of consecutive ones"
     yield "\n[columns]                    # left: the column in your log, right: what it is, and its unit there"
     speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.flat.variables]
     for name, role in [*((n, "needed") for n in known), *((n, "optional; else derived from the angle") for n in speeds),
@@ -676,19 +757,6 @@ def _other_columns(known):
     yield '"temperature" = { variable = "temperature", unit = "degC" }  # optional'
 
 
-def _free(model, question):
-    """Parameters that a first fit should find: friction of the segments, and effects that the rig already holds."""
-    base = {n.split(".")[0] for n in model.parameters}
-    effects = [n for n in base if any(n.endswith(f"_{c}") for c in model.segments)]
-    for name in question.parameters:
-        component, _, short = name.rpartition(".")
-        if component in model.segments and short in ("f0", "mu"):
-            if short == "f0" or model.parameters[name].value != 1.0:  # mu = 1: the rig's base has no load term
-                yield name
-        elif component in effects:
-            yield name
-
-
 def _demo(arguments, progress):
     if arguments.data:
         raise UsageError("demo makes its own log; for yours: pycosim improve STUDY --data FILE")
@@ -696,6 +764,20 @@ def _demo(arguments, progress):
     out = Path(arguments.out or "demo")
     demo.run(out, arguments.quiet or arguments.json, progress)
     return out
+
+
+def _app(arguments, progress):
+    """Serve the app until Ctrl-C."""
+    try:
+        from .app.page import serve
+    except ModuleNotFoundError as error:
+        if error.name != "nicegui":
+            raise
+        raise UsageError("the app needs nicegui; pip install 'pycosim-drivetrain[app]'") from None
+    name = Path(arguments.study).stem if arguments.study else "study"
+    out = arguments.out or f"{name}_app"
+    say = (lambda text: None) if arguments.quiet else partial(print, flush=True)
+    serve(arguments.study, arguments.data, out, arguments.port, not arguments.no_browser, progress, say)
 
 
 # --- co-simulation --------------------------------------------------------------------------------------------------
@@ -718,14 +800,20 @@ def _cosim(arguments, progress):
         raise UsageError("cosim reads no log; the motion that it follows stands in the scenario")
     out = Path(arguments.out or f"{scenario.name}_cosim")
     resume = _checkpoint(arguments.resume) if arguments.resume else None
+    if arguments.every is not None and not arguments.every >= 0:
+        raise UsageError(f"--checkpoint-every {arguments.every:g}: seconds cannot be below zero")
+    beside = out.with_name(f"{out.name}.checkpoint.zip")
+    save = None if arguments.every is None else lambda data: _replace(beside, data)
     with results.Folder(out, "cosim", scenario.path, WRITES["cosim"]) as folder:
-        done = cosimulate(scenario, arguments.until, resume, progress)
+        done = cosimulate(scenario, arguments.until, resume, progress, save=save, every=arguments.every)
         folder.write("run.csv", done.text)
         folder.write("cosim.json", done.description)
         if done.checkpoint:
             folder.file("checkpoint.zip").write_bytes(done.checkpoint)
         progress("drawing")
         cosim_figures.write_log(folder.temporary, done)
+    if save:
+        beside.unlink(missing_ok=True)  # what is in the folder now goes further
     again = f"pycosim cosim {arguments.scenario} --resume {out / 'checkpoint.zip'}"
     if not done.complete and (arguments.until is None or done.time < arguments.until):
         raise Stopped(f"interrupted at t = {done.time:g} s; the log up to there is in {out}, to go on: {again}")
@@ -736,6 +824,17 @@ def _cosim(arguments, progress):
         lines.append(f"To go on: {again}")
     took = time.monotonic() - start
     return "\n".join([*lines, f"Took {took:.1f} s.", f"Results in {out}: {', '.join(folder.files)}", ""])
+
+
+def _replace(path, data):
+    """Write a file whole, so that a crash leaves the one before."""
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        new.write_bytes(data)
+        new.replace(path)
+    except OSError as error:
+        new.unlink(missing_ok=True)
+        raise UsageError(f"{path}: the checkpoint cannot be written ({error.strerror})") from None
 
 
 def _checkpoint(path):
@@ -773,6 +872,9 @@ def run_verb(arguments, progress):
         return (out / VERBS["demo"][1]).read_text(encoding="utf-8") if arguments.json else ""
     if arguments.verb == "cosim":
         return _cosim(arguments, progress)
+    if arguments.verb == "app":
+        _app(arguments, progress)
+        return ""
     run = Run(arguments, progress)
     if arguments.verb == "add":
         run.effect = checked_effect(run, arguments.effect)
@@ -780,7 +882,10 @@ def run_verb(arguments, progress):
         raise UsageError("export reads no log, its values are the study's; 'pycosim identify STUDY --data FILE' finds "
                          "them")
     with run.folder:
-        if arguments.verb != "export":
+        run.dataset = None
+        if arguments.verb == "plan" and not (run.study.runs or run.study.held_out):
+            run.lines.append("No log was given: what is known is what the study's [parameters] say.")
+        elif arguments.verb != "export":
             run.read()
         VERB[arguments.verb](run, arguments)
     if arguments.json:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from .figures import LINES, PAGE, TONES, _pretty, _styled, envelope, save
+from .report.figures import LINES, PAGE, TONES, _pretty, _styled, envelope, save
 
 __all__ = ["over_time", "write_log"]
 

@@ -28,7 +28,9 @@ import signal
 import sys
 import tempfile
 import threading
+import time as clock
 import zipfile
+import zlib
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
@@ -80,7 +82,7 @@ class Cosimulation:
     description: dict
 
 
-def cosimulate(scenario, until=None, resume=None, progress=None, library=None, stop=None):
+def cosimulate(scenario, until=None, resume=None, progress=None, library=None, stop=None, save=None, every=60.0):
     """Step the components of a scenario together.
 
     Parameters
@@ -95,6 +97,10 @@ def cosimulate(scenario, until=None, resume=None, progress=None, library=None, s
     library : Library, optional
     stop : callable, optional
         Called at every instant; true ends the run there, as Ctrl-C does.
+    save : callable, optional
+        Called with a checkpoint on the way, for what ends a run without asking.
+    every : float
+        Seconds, by the clock on the wall, from one such checkpoint to the next.
 
     Returns
     -------
@@ -115,7 +121,19 @@ def cosimulate(scenario, until=None, resume=None, progress=None, library=None, s
         master = _Master(scenario, library or Library(), stack, progress or (lambda text: None))
         if resume is not None:
             master.restore(resume)
-        return master.run(until, stop or (lambda: False))
+        return master.run(until, stop or (lambda: False), _saving(save, every))
+
+
+def _saving(save, every):
+    """``(master)``: hands a checkpoint on when it is time to."""
+    last = clock.monotonic()
+
+    def check(master):
+        nonlocal last
+        if save is not None and clock.monotonic() - last >= every:
+            save(master.checkpoint())
+            last = clock.monotonic()
+    return check
 
 
 # --- components ------------------------------------------------------------------------------------------------------
@@ -201,6 +219,7 @@ class _Plant(_InProcess):
         _known(c.start, d.start, f"state of {model.rig}")
         given.update(c.parameters)
         self.p = np.array([given[n] for n in d.parameters])
+        self.q = np.array(d.prepare(self.p)).ravel()
         sizes = len(d.states), len(d.algebraic), len(d.algebraic), len(d.inputs), 1, 1
         # as in the FMU: z starts the next step, now fits what is read, and fresh says that it does
         self.x, self.z, self.now, self.u, self.time, self.fresh = map(np.zeros, sizes)
@@ -228,7 +247,7 @@ class _Plant(_InProcess):
         """Algebraic variables that fit states and inputs."""
         if self.fresh[0]:
             return
-        self.now[:] = self.initial(self.x, self.z, self.u, self.p, self.time)[0]
+        self.now[:] = self.initial(self.x, self.z, self.u, self.q, self.time)[0]
         if not np.isfinite(self.now).all():
             raise CosimulationError(f"the loads have no solution at t = {self.time[0]:g} s; check that every joint has "
                                     "inertia")
@@ -247,7 +266,7 @@ class _Plant(_InProcess):
         count = max(1, math.ceil(h / self.longest - 1e-6))
         part = h / count
         for k in range(count):
-            x, z, *error = self.step(self.x, self.z, self.u, self.u, self.p, t + k * part, part)
+            x, z, *error = self.step(self.x, self.z, self.u, self.u, self.q, t + k * part, part)
             if not np.isfinite(x).all() or (error and not error[0][0] <= 1):
                 raise CosimulationError(f"no solution for the step from t = {t + k * part:g} s; check that every joint "
                                         f"has inertia, and take a step below {self.longest:g} s")
@@ -661,8 +680,8 @@ class _Master:
 
     # --- running ---
 
-    def run(self, until, stop):
-        """Up to the end, or to where it is stopped."""
+    def run(self, until, stop, saving):
+        """Up to the end, or to where it is stopped; checkpoints on the way."""
         last = self.end if until is None else min(self.end, math.floor(until * float(self.rate) + 1e-6))
         said = -math.inf
         with _interrupts() as interrupted, _named(self.scenario, lambda: self.current):
@@ -672,6 +691,7 @@ class _Master:
                 self._advance()
                 self.tick = min(self._next(self.tick), self.end)
                 self._instant()
+                saving(self)
                 if self._time(self.tick) >= said + 0.01 * self._time(self.end):
                     said = self._time(self.tick)
                     self.progress(f"t = {said:.2f} of {self._time(self.end):g} s")
@@ -792,7 +812,7 @@ def _opened(data):
         if found["format"] != _FORMAT:
             raise ValueError
         return found
-    except (zipfile.BadZipFile, KeyError, ValueError, OSError, EOFError):
+    except (zipfile.BadZipFile, zlib.error, KeyError, ValueError, OSError, EOFError, RuntimeError):
         raise ScenarioError("the checkpoint is damaged, or was written by another version; start anew without "
                             "--resume") from None
 

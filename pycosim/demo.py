@@ -1,7 +1,7 @@
 """Nothing in; a log of a machine with an effect that its model lacks, and the whole way to finding it, out.
 
-The log is made with the model itself, asked backwards: motor torques for the torques that the leg needs. The effect is
-attached to the model that makes the log and to no other.
+The log comes from a co-simulation: the machine, the effect attached to it and to no other model, under position
+control. Machine and scenario are left beside the log, for ``pycosim cosim``.
 """
 
 from __future__ import annotations
@@ -10,16 +10,14 @@ import sys
 import time as clock
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-
-from . import compare, figures, identify, results
-from .compile import ArrayFunction, Library, compile_model, component_name
+from . import compare, identify, results
+from .compile import Library, compile_model, component_name
+from .cosimulate import cosimulate
 from .dataset import Dataset
 from .improve import improve
-from .simulate import compensate
+from .report import figures
+from .report.page import write_report
 from .study import load_study, write_study
-from .trajectories import manoeuvre_motion
 
 RIG = "DriveTrain.Rigs.HipKnee"
 HIDDEN = ("stribeck", "2A", {"fs": 0.045, "ws": 0.85})  # N.m, rad/s
@@ -28,13 +26,68 @@ MACHINE = {  # Nobili et al., identified friction of the hip-knee actuation; f0 
     "s1B.f0": 0.001, "s1B.mu": 0.99, "s2B.f0": 0.014, "s2B.mu": 0.97,
 }
 # With the model's default travel, presliding would be a second hidden effect; and it would be found.
-RIGID = {f"s{p}.travel": 1e-5 for p in ("1A", "2A", "1B", "2B")}  # slides at once [rad]
-SPEEDS = 0.2, 0.4, 0.8, 1.6, 2.4  # of the faster motor [rad/s]
-RATE, REPEATS, LONGEST = 100.0, 2, 3.5  # Hz; of every pass; of a pass [s]
-QUANTUM = 2 * np.pi / 2 ** 14  # encoder step [rad]
-WHITE, SLOW, SLOW_TIME = 6e-3, 2.4e-3, 1.0  # noise of a motor torque [N.m], [N.m], [s]
-FILES = ("run.csv", "study.toml", "hidden.json", "comparison.json", "diagnosis.json", "diagnosis_final.json",
-         "ladder.json", "parameters.json", "improved.toml", "model.mo")
+RIGID = {f"s{p}.travel": 1e-4 for p in ("1A", "2A", "1B", "2B")}  # rad; a quarter of the encoder's step
+LONGEST = 2.0  # of a pass [s]
+FILES = ("run.csv", "study.toml", "machine.toml", "scenario.toml", "hidden.json", "comparison.json", "diagnosis.json",
+         "diagnosis_final.json", "ladder.json", "parameters.json", "improved.toml", "model.mo", "report.html")
+
+MACHINE_FILE = """\
+# The machine that made run.csv: the rig of the study, with an effect that the study does not have.
+
+[rig]
+model = "{rig}"
+
+[parameters]
+{parameters}
+
+[[effects]]
+effect = "{effect}"
+place = "{place}"
+"""
+
+SCENARIO = """\
+# The six manoeuvres out and back under position control.
+# pycosim cosim scenario.toml
+
+seed = {seed}
+connections = [
+    "reference -> controller",
+    "plant -> controller",
+    "controller.motor1.tau -> plant.tau1",
+    "controller.motor2.tau -> plant.tau2",
+]
+
+[components.reference]
+trajectory = "six_manoeuvres"
+machine = "machine.toml"
+rate = 500                        # Hz
+options = {{ {options} }}
+
+[components.controller]
+controller = "position"
+machine = "machine.toml"
+rate = 500
+parameters = {{ tau_max = 14.98 }}
+
+[components.plant]
+plant = "machine.toml"
+run = "process"                   # without an FMU, which would need a C compiler for a minute
+rate = 500
+step = 0.002
+start = {{ q_H = 0.901157, q_K = -0.850909 }}
+
+[log]
+rate = 100
+
+[log.columns]                     # an encoder of 2^14 steps a turn; noise of the currents, in N.m
+theta1 = {{ signal = "plant.motor1.phi", quantum = 3.834952e-4 }}
+theta2 = {{ signal = "plant.motor2.phi", quantum = 3.834952e-4 }}
+tau1 = {{ signal = "plant.motor1.tau", noise = 6e-3 }}
+tau2 = {{ signal = "plant.motor2.tau", noise = 6e-3 }}
+C_H = "plant.C_H"
+C_K = "plant.C_K"
+manoeuvre = "reference.label"
+"""
 
 STUDY = """\
 # A hip-knee actuation, its friction to be fitted, and one log. What is missing in the model?
@@ -48,7 +101,7 @@ model = "{rig}"
 
 [data]
 runs = ["run.csv"]
-reference = "gravity_model"       # C_H and C_K were computed from the leg
+reference = "gravity_model"       # C_H and C_K are what the leg asks for
 
 [columns]
 theta1 = {{ variable = "motor1.phi", unit = "rad" }}
@@ -87,9 +140,9 @@ def run(out, quiet=False, progress=None):
     with results.Folder(out, "demo", writes=FILES) as folder:
         library = Library()
         progress("making a log")
-        _make(library, folder)
-        say("1. A log of a hip-knee actuation: six manoeuvres out and back, five speeds, twice. The machine has an",
-            "   effect that its model lacks.", "")
+        _make(library, folder, progress=progress)
+        say("1. A log of a hip-knee actuation under position control: six manoeuvres out and back, five speeds, twice.",
+            "   The machine has an effect that its model lacks.", "")
         study = load_study(folder.file("study.toml"))
         progress("reading the log")
         dataset = Dataset(study, library)
@@ -99,6 +152,7 @@ def run(out, quiet=False, progress=None):
         _tell(folder, found, library, say)
         progress("drawing")
         figures.write_figures(folder.temporary, dataset, found)
+        write_report(folder.file("report.html"), dataset, found, "pycosim report study.toml")
     say(f"Took {clock.monotonic() - began:.0f} s. Everything is in {out}: {folder.listed}.",
         f"The same on the log alone: pycosim improve {out / 'study.toml'}")
     return found
@@ -115,65 +169,18 @@ def _say(*lines):
 # --- the log --------------------------------------------------------------------------------------------------------
 
 
-def record(model, parameters, rng, speeds=SPEEDS, repeats=REPEATS, longest=LONGEST):
-    """What the drives of a machine would log.
-
-    Motor torques come from `compensate`, not from a simulated controller: `pycosim cosim` does that, and takes about a
-    third as long again as the whole demo.
-
-    Parameters
-    ----------
-    model : Model
-        The machine; `parameters` are its own.
-    parameters : dict of str to float
-    rng : numpy.random.Generator
-        Order of the passes, and noise.
-    speeds, repeats, longest
-        Of the motion, see `pycosim.trajectories.manoeuvre_motion`.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns of the hip-knee log.
-    """
-    time, angle, speed, label = manoeuvre_motion(rng, RATE, speeds, repeats, longest)
-    acceleration = np.gradient(speed, time, axis=1)
-    known = {f"{d}motor{k + 1}.phi{e}": v[k] for k in (0, 1)
-             for d, e, v in (("", "", angle), ("der(", ")", speed), ("der(der(", "))", acceleration))}
-    wanted = _gravity(model, known, len(time))
-    torques = compensate(model, {**known, **wanted}, time, parameters)
-    columns = {"time": time}
-    columns.update({f"theta{k + 1}": np.round(angle[k] / QUANTUM) * QUANTUM for k in (0, 1)})
-    columns.update({f"tau{k}": torques[f"motor{k}.tau"] + _noise(rng, len(time)) for k in (1, 2)})
-    return pd.DataFrame({**columns, **wanted, "manoeuvre": label})
-
-
-def _gravity(model, known, n):
-    """Joint torques [N.m] that the leg needs on its way."""
-    question = model.question("gravity_model").select(["C_H", "C_K"])
-    values = ([known.get(name, 0.0) for name in question.inputs] + [0.0] * len(question.states)
-              + [model.parameters[p].value for p in question.parameters])
-    return dict(zip(question.outputs, ArrayFunction(question.output)(values, n)))
-
-
-def _noise(rng, n):
-    """White noise, and a slow one that forgets in a second."""
-    forget = np.exp(-1 / (RATE * SLOW_TIME))
-    slow = rng.standard_normal(n) * SLOW * np.sqrt(1 - forget ** 2)
-    slow[0] = rng.standard_normal() * SLOW
-    for k in range(1, n):
-        slow[k] += forget * slow[k - 1]
-    return slow + WHITE * rng.standard_normal(n)
-
-
-def _make(library, folder, seed=2, **options):
-    """Log, study, and what is hidden; options of `record`."""
+def _make(library, folder, seed=2, progress=None, **options):
+    """Machine, scenario, log, study, and what is hidden; options of the trajectory `six_manoeuvres`."""
     effect, place, coefficients = HIDDEN
-    machine = compile_model(library, RIG, [(effect, place)])
-    name = component_name(*machine.attached[0])
+    name = component_name(*compile_model(library, RIG, [(effect, place)]).attached[0])
     parameters = {**MACHINE, **RIGID, **{f"{name}.{c}": v for c, v in coefficients.items()}}
-    log = record(machine, parameters, np.random.default_rng(seed), **options)
-    log.to_csv(folder.file("run.csv"), index=False, float_format="%.9g")
+    lines = [f'"{n}" = {{ value = {v:g} }}' for n, v in parameters.items()]
+    folder.write("machine.toml", MACHINE_FILE.format(rig=RIG, parameters="\n".join(lines), effect=effect, place=place))
+    given = {"seed": seed, "longest": LONGEST, **options}
+    text = ", ".join(f"{n} = {list(v) if isinstance(v, tuple) else v}" for n, v in given.items())
+    folder.write("scenario.toml", SCENARIO.format(seed=seed, options=text))
+    made = cosimulate(folder.file("scenario.toml"), library=library, progress=progress)
+    folder.write("run.csv", made.text)
     lines = [f'"{n}" = {{ value = {0.05 if n.endswith("f0") else 0.95}, fixed = false }}' for n in MACHINE]
     folder.write("study.toml", STUDY.format(rig=RIG, parameters="\n".join(lines)))
     folder.write("hidden.json", {"schema": 1, "effect": effect, "place": place, "parameters": parameters, "seed": seed})

@@ -43,6 +43,10 @@ class ExportError(PycosimError):
     """A machine cannot be exported as asked, or its binary cannot be built."""
 
 
+class PlanError(PycosimError):
+    """No experiment fits the limits, or none answers what was asked."""
+
+
 def closest(name, known):
     """Return a clause that names the nearest known names.
 

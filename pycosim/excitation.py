@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
+from .compare import unit_of
 from .compile.effects import annotation
 from .dependence import explanations
 
@@ -32,7 +33,7 @@ def undetectable(table, scores):
         if reason is None and (effect.id, place.name) not in seen:
             reason = "the base model absorbs it on this data"
             if notes.get("needs"):
-                reason = f"the base model absorbs it: {notes['needs']} do not vary enough on their own"
+                reason = f"the base model absorbs it: too little changes on its own of {notes['needs']}"
         if reason:
             found.append({"effect": effect.id, "place": place.name, "why": reason,
                           "experiment": notes.get("experiment", "vary speed, load, direction and configuration")})
@@ -93,8 +94,8 @@ def varied(table):
     Returns
     -------
     list of dict
-        ``variable``, ``min``, ``max`` (SI units), ``levels``: how many values or clusters of values it takes, a pass by
-        its median.
+        ``variable``, ``min``, ``max``, ``unit`` (SI), and ``levels``: how many values or clusters of values it takes, a
+        pass by its median.
     """
     dataset = table.dataset
     view = dataset.view(table.part)
@@ -106,10 +107,11 @@ def varied(table):
         passes = np.array([np.median(np.abs(values[table.group == g])) for g in np.unique(table.group)])
         steps = np.diff(np.sort(passes))
         found.append({"variable": name, "min": float(values.min()), "max": float(values.max()),
-                      "levels": int(1 + np.count_nonzero(steps > 0.05 * max(np.ptp(passes), 1e-300)))})
+                      "levels": int(1 + np.count_nonzero(steps > 0.05 * max(np.ptp(passes), 1e-300))),
+                      "unit": unit_of(dataset, name)})
     signs = np.unique(np.sign(np.round(dataset.speeds[:, dataset.moving], 12)), axis=1)
     found.append({"variable": "combinations of directions", "min": 1, "max": 2 ** len(dataset.speeds),
-                  "levels": int(signs.shape[1])})
+                  "levels": int(signs.shape[1]), "unit": "1"})
     return found
 
 

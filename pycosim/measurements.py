@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from .errors import DataError, closest
-from .readers import ranges, read_table
+from .readers import read_parts
+from .reading import Gathered
 
-SLOWEST, FASTEST = 10.0, 1e-6
-"""Median sample intervals [s] beyond which the time column cannot be in seconds."""
 _DEGREE = 3
 _LEAST = _DEGREE + 2
 _CHUNK = 2_000_000
@@ -36,9 +37,10 @@ class Log:
     dropped : list of (int, int)
         First and last row of stretches left out: drop-outs, or samples that the format says are not to be used.
     meta : dict
-        What the file says about the run; ``samples`` and ``deviation`` when the log is the mean of a file.
+        What the file says about the run; ``samples`` and ``deviation`` when the log is the mean of a file;
+        ``file_rows`` and ``means_of`` when its samples are the means of so many rows.
     rows : ndarray of int, shape (n,)
-        Row in the file, as an editor shows it; the header is row 1.
+        Row in the file, as an editor shows it; the header is row 1. Of a mean, the first one.
     header : list of str
         Columns of the file.
     columns : dict of str to str
@@ -93,7 +95,7 @@ def read_log(path, study):
     ----------
     path : path
     study : Study
-        Columns, units, labels, what to do with drop-outs, reader, average.
+        Columns, units, labels, what to do with drop-outs, reader, average, most rows to keep apart.
 
     Returns
     -------
@@ -105,16 +107,20 @@ def read_log(path, study):
         The file, a row or a column cannot be used; the message names it and says what to do.
     """
     path = Path(path)
-    table = read_table(path, study.reader, {*study.columns, study.time_column}, study.labels)
-    used = {n: c for n, c in study.columns.items() if n in table.columns and n != study.time_column}
-    _check_columns(path, table, study, used)
-    dropped = _refuse_missing(path, table, [study.time_column, *used], study.drop_outs)
-    time = table.columns[study.time_column]
-    if study.time_column in study.columns:
-        time = study.columns[study.time_column].si(time)
-    _check_time(path, time, table)
-    log = Log(path.name, path, time, {c.variable: c.si(table.columns[n]) for n, c in used.items()},
-              table.columns.get(study.labels), dropped, table.meta, table.rows, table.header,
+    count, tables = read_parts(path, study.reader, {*study.columns, study.time_column}, study.labels)
+    first = next(tables)
+    used = {n: c for n, c in study.columns.items() if n in first.columns and n != study.time_column}
+    _check_columns(path, first, study, used)
+    # the scatter within a file that is one sample needs every row
+    every = 1 if study.average == "file" else max(1, math.ceil(count / study.most))
+    clock = study.columns[study.time_column].si if study.time_column in study.columns else np.asarray
+    gathered = Gathered(path, study.time_column, clock, [study.time_column, *used], study.labels, every)
+    for table in itertools.chain([first], tables):
+        gathered.add(table)
+    columns, rows = gathered.finish(study.drop_outs)
+    meta = first.meta | ({"file_rows": count, "means_of": every} if every > 1 else {})
+    log = Log(path.name, path, columns[study.time_column], {c.variable: c.si(columns[n]) for n, c in used.items()},
+              columns.get(study.labels), gathered.dropped, meta, rows, first.header,
               {c.variable: n for n, c in study.columns.items()})
     _check_torques(log, used)
     _check_motion(log, used)
@@ -188,49 +194,6 @@ def _check_columns(path, table, study, used):
         twin = [h for h in table.header if h not in study.columns and h.strip().lower() == name.lower()]
         if name not in table.columns and twin:
             raise DataError(f"{path}: no column '{name}'; closest: '{twin[0]}'; rename one of the two")
-
-
-def _span(rows):
-    """Row numbers as text: ``7-9, 12``."""
-    spans = [f"{a}-{b}" if b > a else f"{a}" for a, b in ranges(rows)]
-    return ", ".join(spans[:5]) + (f" and {len(spans) - 5} more places" if len(spans) > 5 else "")
-
-
-def _refuse_missing(path, table, names, drop_outs):
-    """Refuse rows with missing numbers, or take them out of the table; return what was dropped."""
-    bad = {n: ~np.isfinite(table.columns[n]) for n in names}
-    for name, mask in bad.items():
-        if mask.size and mask.all():
-            raise DataError(f"{path}: column '{name}' holds no number at all; take it out of [columns], or log it")
-    missing = np.logical_or.reduce(list(bad.values()))
-    dropped = sorted(table.dropped)
-    if missing.any():
-        if drop_outs != "skip":
-            (name, rows), *others = [(n, _span(table.rows[mask])) for n, mask in bad.items() if mask.any()]
-            also = "; so is " + ", ".join(f"'{n}' in row {r}" for n, r in others) if others else ""
-            raise DataError(f"{path}, row {rows}: column '{name}' is empty, NaN or infinite{also}; "
-                            'repair the log, or leave such rows out with [data] drop_outs = "skip"')
-        dropped = sorted(dropped + ranges(table.rows[missing]))
-        table.columns = {n: c[~missing] for n, c in table.columns.items()}
-        table.rows = table.rows[~missing]
-    if table.rows.size < 2:
-        count = "one usable row" if table.rows.size else "no usable rows"
-        raise DataError(f"{path}: has {count} of data; a log needs at least two")
-    return dropped
-
-
-def _check_time(path, time, table):
-    step = np.diff(time)
-    wrong = np.flatnonzero(step <= 0)
-    if wrong.size:
-        k = int(wrong[0])
-        what = "repeats" if step[k] == 0 else "goes backwards"
-        raise DataError(f"{path}, row {table.rows[k + 1]}: time {what}, {time[k + 1]:.9g} s after {time[k]:.9g} s (row "
-                        f"{table.rows[k]}), {wrong.size} such rows in all; one file is one run, in order of time")
-    median = float(np.median(step))
-    if not FASTEST <= median <= SLOWEST:
-        raise DataError(f"{path}: a sample every {median:.3g} s (median) cannot be; time must be in s, or say its "
-                        'unit: [columns] time = { variable = "time", unit = "ms" }')
 
 
 def _check_torques(log, used):

@@ -154,7 +154,7 @@ def ladder(steps, dataset):
     return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "steps": [
         {"added": None if s.added is None else {"effect": s.added[0], "place": s.added[1]},
          "error": s.error, "held_out_error": s.held_out_error,
-         "predicted_error": s.finding.predicted_error if s.finding else None} for s in steps]})
+         "predicted_error": s.finding.predicted_error or None if s.finding else None} for s in steps]})
 
 
 def improved_study(study, model, fit):
@@ -247,6 +247,8 @@ def summary_data(dataset):
     lines = [f"{dataset.study.rig}: {runs}, {samples}, {moving} of them moving "
              f"(every segment above {number(dataset.w_min)} rad/s); {held} of {len(dataset.blocks)} {blocks} held out."]
     for log in dataset.logs:
+        if "means_of" in log.meta:
+            lines.append(f"{log.name}: {log.meta['file_rows']:,} rows, read as means of {log.meta['means_of']}.")
         if log.dropped:
             rows = sum(b - a + 1 for a, b in log.dropped)
             lines.append(f"{log.name}: {rows} {'row' if rows == 1 else 'rows'} left out.")

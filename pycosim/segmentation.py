@@ -23,6 +23,7 @@ _FLICKER = 0.05  # s below w_min that do not break a pass: noise at its slow end
 _PLATEAU = 0.25  # s of constant speed that make a commanded level
 _LEVEL = 0.15  # relative difference of two commanded levels
 _SHORTEST = 5  # samples of a pass that can be one half of a block
+_SHORT = 0.25  # of the tolerance: a shorter way is no pass of its own
 _OPPOSITE = -0.9  # cosine between the directions of out and back
 
 
@@ -339,14 +340,19 @@ def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
 
 def _couples(mine, tolerance):
     """Pairs of neighbours that are out and back; first come, first served."""
-    able = [p for p in mine if p.count >= _SHORTEST and p.length > tolerance]
+    able = [p for p in mine if p.count >= _SHORTEST and p.length > tolerance * _SHORT]
     found, k = [], 0
     while k < len(able) - 1:
-        both = _opposite(able[k], able[k + 1], tolerance)
+        both = _opposite(able[k], able[k + 1], tolerance) and _alike(able[k].length, able[k + 1].length, tolerance)
         if both:
             found.append([able[k], able[k + 1]])
         k += 2 if both else 1
     return found
+
+
+def _alike(a, b, tolerance):
+    """Whether two lengths belong together: short ways must be equal, a long one may have lost an end."""
+    return min(a, b) > tolerance or max(a, b) < 1.5 * min(a, b)
 
 
 def _cut(mine, last, first, time):

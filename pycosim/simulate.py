@@ -33,12 +33,12 @@ class Dynamics:
         Names of the elements of the vectors below; outputs are all other variables of the rig.
     start : dict of str to str
         Name that ``start`` may give, to the state that carries it.
+    prepare : casadi.Function
+        ``p -> q``: the parameters, and what they alone ask for; the next two take it, many times.
     initial : casadi.Function
-        ``(x, z, u, p, t) -> z``: algebraic variables that fit the states, from a guess.
-    rates : casadi.Function
-        ``(x, z, u, p, t) -> xdot``: derivatives of the states; ``z`` is a guess here.
+        ``(x, z, u, q, t) -> z``: algebraic variables that fit the states, from a guess.
     step : casadi.Function
-        ``(x, z, u0, u1, p, t, h) -> (x_next, z_next, error)`` after ``h`` seconds, inputs linear in between (order 2,
+        ``(x, z, u0, u1, q, t, h) -> (x_next, z_next, error)`` after ``h`` seconds, inputs linear in between (order 2,
         L-stable: short travels do not limit the step). ``z`` is a guess; ``z_next`` fits ``x_next`` and ``u1``. Above
         1, or not a number, ``error`` says that the equations were not solved.
     output : casadi.Function
@@ -51,8 +51,8 @@ class Dynamics:
     parameters: list
     outputs: list
     start: dict
+    prepare: ca.Function
     initial: ca.Function
-    rates: ca.Function
     step: ca.Function
     output: ca.Function
 
@@ -96,7 +96,7 @@ def _dynamics(model, tolerance):
     y = ca.cse(ca.densify(ca.vertcat(*[values[n] for n in outputs])))
     output = ca.Function("output", [x, z, u, p, symbols["time"]], [y], ["x", "z", "u", "p", "t"], ["y"])
     return Dynamics(known, solution.states, solution.algebraic, parameters, outputs, start,
-                    made.initial, made.rates, made.step, output)
+                    made.prepare, made.initial, made.step, output)
 
 
 def step_function(model, h=None):
@@ -113,11 +113,34 @@ def step_function(model, h=None):
     casadi.Function
         ``(x, z, u0, u1, p, t) -> (x_next, z_next, error)``; names of the elements are in ``dynamics(model)``.
     """
-    step = dynamics(model).step
+    d = dynamics(model)
+    whole = with_parameters(d, d.step, "step")
     if h is None:
-        return step
-    a = [ca.MX.sym(step.name_in(k), step.sparsity_in(k)) for k in range(step.n_in() - 1)]
-    return ca.Function("step", a, step.call([*a, ca.MX(h)]), step.name_in()[:-1], step.name_out())
+        return whole
+    a = whole.mx_in()[:-1]
+    return ca.Function("step", a, whole.call([*a, ca.MX(h)]), whole.name_in()[:-1], whole.name_out())
+
+
+def with_parameters(d, function, name):
+    """A function of a rig that takes its parameters as they are.
+
+    Parameters
+    ----------
+    d : Dynamics
+    function : casadi.Function
+        ``initial`` or ``step``.
+    name : str
+        Of the new one.
+
+    Returns
+    -------
+    casadi.Function
+        With ``p`` where the given one takes ``q``.
+    """
+    given, at = function.mx_in(), function.name_in().index("q")
+    a = [*given[:at], ca.MX.sym("p", d.prepare.sparsity_in(0)), *given[at + 1:]]
+    names = ["p" if k == at else n for k, n in enumerate(function.name_in())]
+    return ca.Function(name, a, function.call([*a[:at], d.prepare(a[at]), *a[at + 1:]]), names, function.name_out())
 
 
 def simulate(model, inputs, time, parameters=None, start=None, step=1e-3, hold=False):
@@ -178,17 +201,17 @@ def _march(rig, d, x, u, p, time, step, hold):
     left, right = u[:, owner], u[:, owner + 1]
     u0 = left if hold else left + (right - left) * (part / count[owner])
     u1 = left if hold else left + (right - left) * ((part + 1) / count[owner])
-    t, n = time[owner] + part * h, len(x)
+    t, n, q = time[owner] + part * h, len(x), np.array(d.prepare(p)).ravel()
     states, algebraic = np.empty((n, len(h) + 1)), np.empty((len(d.algebraic), len(h) + 1))
     states[:, 0], done = x, 0
     try:
-        algebraic[:, :1] = d.initial(x, np.zeros(len(d.algebraic)), u[:, 0], p, time[0])
+        algebraic[:, :1] = d.initial(x, np.zeros(len(d.algebraic)), u[:, 0], q, time[0])
         if not np.isfinite(algebraic[:, 0]).all():
             raise RuntimeError
         for a in range(0, len(h), _CHUNK):
             done, b = a, min(a + _CHUNK, len(h))
             walk = d.step.mapaccum("walk", b - a, 2)
-            columns = np.broadcast_to(p[:, None], (len(p), b - a))
+            columns = np.broadcast_to(q[:, None], (len(q), b - a))
             xs, zs, errors = walk(states[:, a], algebraic[:, a], u0[:, a:b], u1[:, a:b], columns, t[None, a:b],
                                   h[None, a:b])
             states[:, a + 1:b + 1], algebraic[:, a + 1:b + 1] = xs, zs

@@ -1,10 +1,11 @@
-"""Differential-algebraic system in; its consistent start, rates, and one implicit step as CasADi functions out.
+"""Differential-algebraic system in; its consistent start and one implicit step as CasADi functions out.
 
 The step is the two-stage, stiffly accurate, singly diagonally implicit Runge-Kutta method [1]_: order 2, L-stable, so
 that a short travel of friction does not limit it. Its unknowns are the algebraic variables alone (accelerations): a
 stage's angles and speeds follow from them, friction states from what the angles moved (`states.advance`), and loads in
-closed form. What is left is solved by Newton's method with an exact Jacobian, a handful of unknowns unrolled into
-scalar code; two corrections usually do, and more, damped, are made only while the last one was not small.
+closed form. What is left, a handful of unknowns unrolled into scalar code, is solved by Newton's method with an exact
+Jacobian: one correction, a second one with the Jacobian of the first (a quarter of its work), and more, damped at last,
+only while the last one was not small. What the parameters alone ask for is worked out apart, once for many steps.
 
 References
 ----------
@@ -22,9 +23,8 @@ from .errors import ModelicaError
 from .states import advance
 
 GAMMA = 1 - 0.5 ** 0.5
-TOLERANCE = 1e-7  # of a correction, relative; Newton's next one would be its square
-_CORRECTIONS = 2  # made in any case
-_PLAIN = 4  # made while the last one was too large
+TOLERANCE = 1e-7  # of a correction, relative; the next one would be smaller by as much as the first was
+_PLAIN = 5  # made while the last one was too large
 _RESCUE = 40  # made after those, damped, while the last one was too large
 _SHARES = (1.0, 0.5, 0.25, 0.125, 0.03)  # of a damped correction
 
@@ -74,8 +74,10 @@ class System:
         prepare : casadi.Function
             ``p -> q``
         newton : casadi.Function
-            ``(y, x0, base, mean, c, u, q, t) -> y, size, miss``: with the correction's relative size, and by how much
-            the equations failed before it.
+            ``(y, x0, base, mean, c, u, q, t) -> y, size, miss, slope``: with the correction's relative size, by how
+            much the equations failed before it, and their Jacobian.
+        chord : casadi.Function
+            ``(y, slope, x0, base, mean, c, u, q, t) -> y, size, miss``: a correction with a given Jacobian.
         place : casadi.Function
             ``(y, x0, base, mean, c, u, q, t) -> x``
         """
@@ -83,14 +85,15 @@ class System:
         x0, base, mean, c = ca.SX.sym("x0", n), ca.SX.sym("base", n), ca.SX.sym("mean", n), ca.SX.sym("c", 3)
         x = self._place(x0, base, mean, c)
         residual = ca.substitute(self.residual, self.x, x)
-        change = solve_small(_jacobian(residual, y), residual) if y.numel() else residual
-        size = ca.norm_inf(change / (1 + ca.fabs(y))) if y.numel() else ca.SX(0)
-        u, p, t = self.known
-        (y_next, size, miss, x), symbols, values = _prepare([y - change, size, ca.sumsqr(residual), x], p)
+        slope, given = ca.densify(_jacobian(residual, y)), ca.SX.sym("slope", y.numel(), y.numel())
+        (u, p, t), newton, chord = self.known, _corrected(y, slope, residual), _corrected(y, given, residual)
+        found, symbols, values = _prepare([*newton, slope, *chord, x], p)
         symbols, values = ca.vertcat(p, symbols), ca.vertcat(p, values)
-        arguments = [y, x0, base, mean, c, u, symbols, t]
-        return (ca.Function("prepare", [p], [values]), ca.Function("newton", arguments, ca.cse([y_next, size, miss])),
-                ca.Function("place", arguments, [x]))
+        arguments = [x0, base, mean, c, u, symbols, t]
+        found[3] = ca.reshape(found[3], *slope.shape)
+        return (ca.Function("prepare", [p], [values]), ca.Function("newton", [y, *arguments], ca.cse(found[:4])),
+                ca.Function("chord", [y, given, *arguments], ca.cse(found[4:7])),
+                ca.Function("place", [y, *arguments], found[7:]))
 
     def _place(self, x0, base, mean, c):
         """States of a stage."""
@@ -110,6 +113,14 @@ def _advances(rate, x, p):
         return advance(rate, x, ca.SX.sym("h"), p) is not None
     except ModelicaError:  # of another shape: its rate becomes an unknown
         return False
+
+
+def _corrected(y, slope, residual):
+    """Unknowns after a correction, its relative size, and by how much the equations failed before it."""
+    if not y.numel():
+        return [y, ca.SX(0), ca.SX(0)]
+    change = solve_small(slope, residual)
+    return [y - change, ca.norm_inf(change / (1 + ca.fabs(y))), ca.sumsqr(residual)]
 
 
 def _jacobian(expression, y):
@@ -188,15 +199,15 @@ def _rebuild(expression, rule=lambda *_: None):
     return ca.vertcat(*result, ca.SX(0, 1))
 
 
-def _damped(newton):
+def _damped(newton, chord):
     """A correction, shortened to the share after which the equations fail least."""
     arguments = newton.mx_in()
-    y = arguments[0]
-    full, size, _ = newton(*arguments)
+    y, *rest = arguments
+    full, size, _, slope = newton(*arguments)
     best, least = full, ca.MX.inf()
     for share in _SHARES:
         trial = y + share * (full - y)
-        miss = newton(trial, *arguments[1:])[2]
+        miss = chord(trial, slope, *rest)[2]
         best, least = ca.if_else(miss < least, trial, best), ca.fmin(miss, least)
     return ca.Function("damped", arguments, [best, size])
 
@@ -211,28 +222,37 @@ def _guarded(name, function, tolerance):
     return lambda size, *given: either(size > tolerance, size, *given)
 
 
-def _settle(newton, tolerance):
+def _settle(newton, chord, tolerance):
     """``(y, ...) -> y, size``: corrections until they are small."""
     arguments = newton.mx_in()
     y, *rest = arguments
-    plain, damped = _guarded("plain", newton, tolerance), _guarded("rescued", _damped(newton), tolerance)
-    found, size, _ = newton(y, *rest)
-    for _ in range(_PLAIN):
-        found, size = plain(size, found, *rest)
-    for _ in range(_RESCUE):
-        found, size = damped(size, found, *rest)
-    more = _guarded("more", ca.Function("corrected", arguments, [found, size]), tolerance)
-    for _ in range(_CORRECTIONS):
-        y, size, _ = newton(y, *rest)
+    rescue = _repeated("rescue", _damped(newton, chord), _RESCUE, tolerance)
+    more = _guarded("more", _repeated("plain", newton, _PLAIN, tolerance, rescue), tolerance)
+    y, _, _, slope = newton(y, *rest)
+    again = _guarded("chord_again", chord, tolerance)
+    y, size, _ = chord(y, slope, *rest)
+    y, size = again(size, y, slope, *rest)
     return ca.Function("settle", arguments, more(size, y, *rest))
+
+
+def _repeated(name, correct, times, tolerance, then=None):
+    """``(y, ...) -> y, size``: one correction, and more while the last was not small; then another function's."""
+    arguments = correct.mx_in()
+    again = _guarded(name, correct, tolerance)
+    y, size, *_ = correct(*arguments)
+    for _ in range(times - 1):
+        y, size = again(size, y, *arguments[1:])
+    if then is not None:
+        y, size = _guarded(f"{name}_then", then, tolerance)(size, y, *arguments[1:])
+    return ca.Function(f"{name}_repeated", arguments, [y, size])
 
 
 @dataclass
 class Steps:
     """Functions of a system; see `simulate.Dynamics` for their arguments."""
 
+    prepare: ca.Function
     initial: ca.Function
-    rates: ca.Function
     step: ca.Function
 
 
@@ -249,20 +269,17 @@ def steps(system, tolerance=TOLERANCE):
     -------
     Steps
     """
-    prepare, newton, place = system.stage()
-    settle = _settle(newton, tolerance)
+    prepare, newton, chord, place = system.stage()
+    settle = _settle(newton, chord, tolerance)
     n, m = system.x.numel(), system.z.numel()
     start = ca.Function("start", [system.x, system.z, *system.known], [system.start])
-    given = ca.Function("given", [system.x, system.z, *system.known], [ca.densify(system.given)])
-    names = ["x", "z", "u", "p", "t"]
-    x, z, u0, u1, p, t, h = (ca.MX.sym(k, *size) for k, size in zip(
-        ["x", "z", "u0", "u1", "p", "t", "h"],
-        [(n,), (m,), system.known[0].shape, system.known[0].shape, system.known[1].shape, (1,), (1,)]))
-    q = prepare(p)
+    x, z, u0, u1, q, t, h = (ca.MX.sym(k, *size) for k, size in zip(
+        ["x", "z", "u0", "u1", "q", "t", "h"],
+        [(n,), (m,), system.known[0].shape, system.known[0].shape, prepare.size_out(0), (1,), (1,)]))
+    p = q[:system.known[1].numel()]
     now = [x, x, ca.MX(n, 1), ca.MX([0, 1, 0]), u0, q, t]  # a stage of no length
     consistent = settle(start(x, z, u0, p, t), *now)[0][:m]
-    initial = ca.Function("initial", [x, z, u0, p, t], [consistent], names, ["z_next"])
-    rates = ca.Function("rates", [x, z, u0, p, t], [given(x, consistent, u0, p, t)], names, ["xdot"])
+    initial = ca.Function("initial", [x, z, u0, q, t], [consistent], ["x", "z", "u", "q", "t"], ["z_next"])
 
     def stage(y, base, mean, c, share):
         at = [x, base, mean, ca.vertcat(*c), u0 + share * (u1 - u0), q, t + share * h]
@@ -272,6 +289,6 @@ def steps(system, tolerance=TOLERANCE):
     y, first, x1 = stage(start(x, z, u0, p, t), x, ca.MX(n, 1), (GAMMA * h, 1, GAMMA * h), GAMMA)
     y, second, x2 = stage(y, x + (1 - GAMMA) / GAMMA * (x1 - x), (1 - GAMMA) * x1, (GAMMA * h, GAMMA, h), 1)
     error = ca.fmax(first, second) / tolerance
-    step = ca.Function("step", [x, z, u0, u1, p, t, h], [x2, y[:m], error],
-                       ["x", "z", "u0", "u1", "p", "t", "h"], ["x_next", "z_next", "error"])
-    return Steps(initial, rates, step)
+    step = ca.Function("step", [x, z, u0, u1, q, t, h], [x2, y[:m], error],
+                       ["x", "z", "u0", "u1", "q", "t", "h"], ["x_next", "z_next", "error"])
+    return Steps(prepare, initial, step)

@@ -22,14 +22,18 @@ READERS = ("bam", "epos")
 # What a log may hold although the rig has no such variable: effects read it, or it is only looked at.
 LOG_VARIABLES = {"time": "s", "temperature": "degC"}
 
-_TABLES = ("rig", "parameters", "data", "columns", "effects")
+_TABLES = ("rig", "parameters", "limits", "data", "columns", "effects")
 _TOP_KEYS = ("w_min", "seed")
 _RIG_KEYS = ("model", "modelica")
 _SETTING_KEYS = ("value", "min", "max", "fixed")
 _COLUMN_KEYS = ("variable", "unit", "k_m", "zero")
 _EFFECT_KEYS = ("effect", "place")
+_LIMIT_KEYS = ("min", "max")
 _DATA_KEYS = ("runs", "held_out", "reference", "label", "time_column", "w_min", "seed", "drop_outs",
-              "average", "reader")
+              "average", "reader", "most")
+MOST = 2_000_000
+"""Rows of a log that are read one by one, if the study does not say."""
+_LEAST_MOST = 100
 _KINDS = {str: "a text in quotes", float: "a number", bool: "true or false", list: "a list",
           dict: "a table", int: "an integer"}
 
@@ -125,6 +129,11 @@ class Study:
         ``file``: one file is one sample, its mean.
     reader : str or None
         Format of the logs when their ending does not say it.
+    limits : dict of str to (float or None, float or None)
+        Least and greatest value of a variable, or of a sum of joint or motor angles as ``q_H + q_K``, that a planned
+        experiment keeps to.
+    most : int
+        A log with more rows is read as means of consecutive rows, about so many.
     """
 
     path: Path
@@ -143,6 +152,8 @@ class Study:
     drop_outs: str = "refuse"
     average: str | None = None
     reader: str | None = None
+    limits: dict = field(default_factory=dict)
+    most: int = MOST
 
     @property
     def name(self):
@@ -332,6 +343,7 @@ def load_study(path):
     rig, modelica = _rig(source, tables)
     data = _data(source, tables)
     return Study(source.path, rig, modelica, _parameters(source, tables.get("parameters", {})),
+                 limits=_limits(source, tables.get("limits", {})),
                  columns=_columns(source, tables.get("columns", {}), data), effects=_effects(source, tables), **data)
 
 
@@ -360,12 +372,16 @@ def _data(source, tables):
     seed = source.take(both, "seed", int, where, 0)
     if seed < 0:
         raise source.error(where, f"seed = {seed} must not be negative", "seed")
+    most = source.take(table, "most", int, where, MOST)
+    if most < _LEAST_MOST:
+        raise source.error(where, f"most = {most} rows of a log are too few to learn from; use {_LEAST_MOST} at least",
+                           "most")
     runs, held_out = (_paths(source, table, key, where) for key in ("runs", "held_out"))
     fitted = [path for path in runs if path not in held_out]  # held_out may pick among runs
     if runs and not fitted:
         raise source.error(where, f"every log, {runs[0].name} first, is in runs and in held_out, so nothing is left to "
                            "fit; hold fewer out", "held_out")
-    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=seed,
+    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=seed, most=most,
                 reference=source.choice(table, "reference", REFERENCES, where, "unknown"),
                 labels=source.take(table, "label", str, where, "manoeuvre"),
                 time_column=source.take(table, "time_column", str, where, "time"),
@@ -425,6 +441,21 @@ def _parameters(source, table):
             bounds = f"{'-inf' if low is None else f'{low:g}'} to {'inf' if high is None else f'{high:g}'}"
             raise source.error(where, f"value {value:g} is outside its own bounds {bounds}", name, BoundsError)
         found[name] = Setting(value, low, high, source.take(given, "fixed", bool, where, None, name))
+    return found
+
+
+def _limits(source, table):
+    """The [limits] table: (min, max) by variable or sum of angles."""
+    found = {}
+    for name, given in _leaves(table, _LIMIT_KEYS):
+        where = f"[limits] '{name}'"
+        if not isinstance(given, dict) or not given:
+            raise source.error(where, "must be a table, as { min = -0.4, max = 2.0 }", name)
+        source.keys(given, _LIMIT_KEYS, where, name)
+        low, high = (source.take(given, k, float, where, None, name) for k in _LIMIT_KEYS)
+        if low is not None and high is not None and low >= high:
+            raise source.error(where, f"min {low:g} is not below max {high:g}", name, BoundsError)
+        found[name] = (low, high)
     return found
 
 
@@ -524,12 +555,16 @@ def _lines(study, folder):
         yield "\n[parameters]"
         for name, setting in study.parameters.items():
             yield f"{_toml(name)} = {_toml(_given(setting, _SETTING_KEYS))}"
+    if study.limits:
+        yield "\n[limits]"
+        for name, ends in study.limits.items():
+            yield f"{_toml(name)} = {_toml({k: v for k, v in zip(_LIMIT_KEYS, ends) if v is not None})}"
     yield "\n[data]"
     for key in ("runs", "held_out"):
         yield f"{key} = {_toml(_relative(getattr(study, key), folder))}"
     yield f"reference = {_toml(study.reference)}"
     names = {"labels": "label"}
-    for key in ("labels", "time_column", "w_min", "seed", "drop_outs", "average", "reader"):
+    for key in ("labels", "time_column", "w_min", "seed", "drop_outs", "average", "reader", "most"):
         value = getattr(study, key)
         if value != Study.__dataclass_fields__[key].default:
             yield f"{names.get(key, key)} = {_toml(value)}"

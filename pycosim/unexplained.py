@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .compare import unit_of
 from .dependence import explanations
 from .identify import invert
 from .nulls import number
@@ -139,10 +140,10 @@ def _proposal(table, known, depends, share, index):
     blocks, label = np.unique(table.block[few], return_inverse=True)
     fold = table.dataset.fold[blocks][label]
     best = None
-    causes = {n for n in known if "@" in n or n.startswith("time") or _unit(table, n) == "rad"}
+    causes = {n for n in known if "@" in n or n.startswith("time") or unit_of(table.dataset, n) == "rad"}
     for name in [d["variable"] for d in depends if d["strength"] > 0 and d["variable"] in causes][:8]:
         values, owner = known[name][few], name.partition("@")[2]
-        forms = shapes(values, _unit(table, name))
+        forms = shapes(values, unit_of(table.dataset, name))
         basis = np.array([f.values(values) for f in forms])
         for place, drive in drives.items():
             if owner not in ("", place):
@@ -201,14 +202,6 @@ def _gain(basis, drive, base, residual, weights, fold):
     return taken / total
 
 
-def _unit(table, name):
-    """SI unit of a variable that the residual may depend on."""
-    plain = {"speed": "rad/s", "load": "N.m", "acceleration": "rad/s2", "time": "s", "time_since_reversal": "s"}
-    column = table.dataset.study.columns.get(name)
-    variable = table.model.flat.variables.get(column.variable) if column is not None else None
-    return variable.unit if variable is not None else plain.get(name.partition("@")[0], "")
-
-
 def _readable(table, name, values, few):
     """How a segment's effect reads a variable: declarations and an expression; None where it cannot.
 
@@ -220,7 +213,7 @@ def _readable(table, name, values, few):
         return "", ports[kind]
     rig = {n: table.full[n][few] for n in table.full if "." not in n and n in table.model.flat.variables
            and isinstance(table.full[n], np.ndarray) and n != name}
-    if not rig or _unit(table, name) != "rad":
+    if not rig or unit_of(table.dataset, name) != "rad":
         return None
     columns = np.array([*rig.values(), np.ones(len(values))])
     factor = np.linalg.lstsq(columns.T, values, rcond=None)[0]

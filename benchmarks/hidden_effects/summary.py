@@ -1,6 +1,6 @@
 """Rows of `benchmarks.hidden_effects.run` in; the table of the track record and the confusion matrix out.
 
-    python -m benchmarks.hidden_effects.summary cases.jsonl [--figure docs/images/confusion.pdf]
+    python -m benchmarks.hidden_effects.summary cases.jsonl [--figure docs/images/confusion.png]
 """
 
 from __future__ import annotations
@@ -16,6 +16,19 @@ from scipy import stats
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects.run import right, sized
 
+TOP = """# Track record
+
+How often the diagnosis was right about effects hidden in logs of an independently written machine
+(`benchmarks/hidden_effects`): random friction, speeds in random order, coloured noise, drives that report in steps, a
+recorder that misses samples; sizes, places, signs and other coefficients drawn continuously. *Size* is the error of the
+base model with the effect over the error without it. Made by
+
+    python -m benchmarks.hidden_effects.run --out cases.jsonl
+    python -m benchmarks.hidden_effects.summary cases.jsonl --figure docs/images/confusion.png > this page
+"""
+WORDS = {"none": "with nothing hidden", "one": "with one effect of size 1.3 to 3",
+         "weak": "with one effect of size 1.2",
+         "pair": "with two effects", "outside": "with an effect that the catalogue lacks"}
 OTHER = {"nothing_missing": "nothing", "unexplained": "unexplained", "not_enough_excitation": "too little"}
 
 
@@ -156,6 +169,50 @@ def draw(rows, path):
         figure.savefig(end, dpi=160)
 
 
+def page(rows):
+    """Lines of the page of the documentation.
+
+    Parameters
+    ----------
+    rows : list of dict
+
+    Yields
+    ------
+    str
+    """
+    skipped, rows = [r for r in rows if "skipped" in r], [r for r in rows if "skipped" not in r]
+    yield TOP
+    for half in ("development", "final"):
+        some = [r for r in rows if r["half"] == half]
+        if some:
+            kinds = Counter(r["kind"] for r in some)
+            yield f"## The {half} half: {len(some)} cases\n"
+            yield ", ".join(f"{n} {WORDS[k]}" for k, n in sorted(kinds.items())) + ".\n"
+            yield "| claim | aim | measured |\n|---|---|---|"
+            yield from (f"| {' | '.join(line)} |" for line in table(some))
+            yield ""
+    yield "## What it was taken for\n"
+    yield "![Rows: what was hidden. Columns: what was named first.](../images/confusion.png)\n"
+    wrong = [r for r in rows if r["kind"] in ("one", "weak") and not right(r)[1]]
+    if wrong:
+        yield "Not named, or not in place:\n"
+        yield from (f"- {r['hidden'][0][0]} at {r['hidden'][0][1]}, size {r['sizes'][0]:.2f} (seed {r['seed']}): "
+                    f"{told(r)}" for r in wrong)
+        yield ""
+    short = [f"{h[0]} ({s:.2f})" for r in rows if r["short"] for h, s in zip(r["hidden"], r["sizes"])]
+    yield f"Drawn at the largest size that they reach: {', '.join(short) or 'none'}."
+    yield f"Cases in which the drawn machine gives the effect no meaningful size, left out: {len(skipped)}."
+
+
+def told(row):
+    """What a case was answered with, in words."""
+    if not row["steps"]:
+        return OTHER[row["verdict"]]
+    first = row["steps"][0]
+    twins = ", ".join("@".join(t) for t in first["twins"])
+    return "@".join(first["added"]) + (f", twins {twins}" if twins else "")
+
+
 def main():
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -163,18 +220,9 @@ def main():
     parser.add_argument("--figure", type=Path)
     args = parser.parse_args()
     rows = [json.loads(line) for path in args.rows for line in path.read_text().splitlines()]
-    skipped = [r for r in rows if "skipped" in r]
-    rows = [r for r in rows if "skipped" not in r]
-    for half in ("development", "final"):
-        some = [r for r in rows if r["half"] == half]
-        if some:
-            print(f"\n{half} half, {len(some)} cases\n")
-            print("| claim | goal | measured |\n|---|---|---|")
-            print("\n".join(f"| {' | '.join(line)} |" for line in table(some)))
-    short = [f"{h[0]} ({s:.2f})" for r in rows if r["short"] for h, s in zip(r["hidden"], r["sizes"])]
-    print(f"\ndrawn at their largest size: {', '.join(short) or 'none'}; without any: {len(skipped)}")
+    print("\n".join(page(rows)))
     if args.figure:
-        draw(rows, args.figure)
+        draw([r for r in rows if "skipped" not in r], args.figure)
 
 
 if __name__ == "__main__":

@@ -92,7 +92,7 @@ def in_python(model, steps=300):
     """Microseconds of a step called from Python, as a Python FMU would; and of a step within `simulate`."""
     from pycosim.simulate import dynamics, simulate
     d, best, inside = dynamics(model), math.inf, math.inf
-    p = [v.value for v in model.parameters.values()]
+    q = d.prepare([v.value for v in model.parameters.values()])
     clock = np.arange(steps + 1) * 1e-3
     inputs = [[0.5 * math.sin(2 * t + i) for i in range(len(d.inputs))] for t in clock]
     columns = dict(zip(d.inputs, np.array(inputs).T))
@@ -100,7 +100,7 @@ def in_python(model, steps=300):
         x, z = [0.0] * len(d.states), [0.0] * len(d.algebraic)
         start = time.perf_counter()
         for k in range(steps):
-            x, z, _ = d.step(x, z, inputs[k], inputs[k + 1], p, clock[k], 1e-3)
+            x, z, _ = d.step(x, z, inputs[k], inputs[k + 1], q, clock[k], 1e-3)
         best = min(best, (time.perf_counter() - start) / steps)
         start = time.perf_counter()
         simulate(model, columns, clock)

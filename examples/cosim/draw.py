@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from pycosim.figures import BLUE, GREEN, GREY, LINES, PAGE, RED, _styled
+from pycosim.report.figures import BLUE, GREEN, GREY, LINES, PAGE, RED, _styled
 
 COLORS = {"no friction": GREY, "sign of the speed": RED, "friction states": BLUE, "states, encoder": GREEN}
 

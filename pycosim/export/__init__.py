@@ -90,8 +90,11 @@ def _write(plant, study, model, folder, to, fmi, kinds, platforms):
         from .fmu import export_fmu
         return _Made(f"FMU for FMI {fmi}.0", [export_fmu(study, model, folder, fmi, kinds, platforms).name])
     if to == "ssp":
-        from .ssp import export_ssp
-        return _Made(f"SSP with an FMU for FMI {fmi}.0", [export_ssp(study, model, folder, fmi, platforms).name])
+        from .ssp import control_parts, export_ssp
+        parts, wires, missing = control_parts(study, model, fmi, platforms)
+        path = export_ssp(study, model, folder, fmi, platforms, parts, wires)
+        names = ", ".join(["plant", *(p.name for p in parts)])
+        return _Made(f"SSP with FMUs for FMI {fmi}.0 ({names})", [path.name], [f"In the SSP: {m}" for m in missing])
     if to == "mujoco":
         from .mujoco import to_mjcf
         text, missing = to_mjcf(plant)

@@ -13,7 +13,7 @@ from pathlib import Path
 import casadi as ca
 
 from ..errors import StudyError, UnknownNameError, closest
-from ..simulate import dynamics
+from ..simulate import dynamics, with_parameters
 from ..states import follow
 from ..variables import Variable
 from .source import inline_choices
@@ -108,7 +108,7 @@ class _Simulation:
     def __init__(self, name, model, d):
         self.name, self.variables = name, {**model.flat.variables, **model.parameters}
         self.vectors = {"input": d.inputs, "state": d.states, "algebraic": d.algebraic, "output": d.outputs}
-        self.functions = [_named(f"start_{name}", d.initial), _named(f"step_{name}", d.step),
+        self.functions = [with_parameters(d, d.initial, f"start_{name}"), with_parameters(d, d.step, f"step_{name}"),
                           _named(f"output_{name}", d.output)]
         real = "const {real}"
         at = [(f"{real} *", "states"), (f"{real} *", "algebraic"), (f"{real} *", "inputs"), (f"{real} *", "parameters"),

@@ -38,25 +38,26 @@ def describe_block(block: Block, name=None):
     entries += [Entry(v, "parameter", "fixed" if v.name == "period" else "tunable", "exact") for v in block.parameters]
     entries += [Entry(v, "output", "continuous", "calculated") for v in block.outputs]
     sizes = {"x": len(block.states), "z": 0, "u": len(block.inputs), "p": len(block.parameters),
-             "y": len(block.outputs), "e": 0}
+             "q": len(block.parameters), "y": len(block.outputs), "e": 0}
     _depend(entries, sizes, sparsity)
     return Plant(name or block.name, block.model.rig, block.description, block.model, block.values, set(block.values),
                  entries, functions, sizes, [], _STEPPING)
 
 
 def _functions(block):
-    """The five functions that the wrapper calls, and the sparsity of everything computed."""
+    """The functions that the wrapper calls, and the sparsity of everything computed."""
     names = ["x", "z", "u", "p", "t"]
     x, u, p = (ca.SX.sym(n, len(v)) for n, v in zip("xup", (block.states, block.inputs, block.parameters)))
     z, t, h, u1 = ca.SX.sym("z", 0), ca.SX.sym("t"), ca.SX.sym("h"), ca.SX.sym("u1", len(block.inputs))
     after, y = block.update(x, u, p), block.output(x, u, p)
     arguments, change = [x, z, u, p, t], (after - x) / p[-1]
     initial = ca.Function("model_initial", arguments, [z], names, ["z_now"])
+    prepare = ca.Function("model_prepare", [p], [p], ["p"], ["q"])
     step = ca.Function("model_step", [x, z, u, u1, p, t, h], [after, z, ca.SX(0)],
-                       ["x", "z", "u0", "u1", "p", "t", "h"], ["x_next", "z_next", "error"])
+                       ["x", "z", "u0", "u1", "q", "t", "h"], ["x_next", "z_next", "error"])
     observe = ca.Function("model_observe", arguments, [ca.densify(change), ca.densify(y)], names, ["xdot", "y"])
     forward, reverse, sparsity = _derivatives(arguments, change, y, ca.SX(0, 1))
-    return [initial, step, observe, forward, reverse], sparsity
+    return [prepare, initial, step, observe, forward, reverse], sparsity
 
 
 def export_block(block, folder, fmi=2, platforms="host", name=None):

@@ -73,7 +73,7 @@ class Plant:
     functions : list of casadi.Function
         ``model_initial``, ``model_step``, ``model_observe``, ``model_forward``, ``model_reverse``.
     sizes : dict of str to int
-        ``x``, ``z``, ``u``, ``p``, ``y``, ``e``.
+        ``x``, ``z``, ``u``, ``p``, ``q`` (what the parameters alone ask for), ``y``, ``e``.
     terminals : list of (str, dict of str to str)
         Motors and joints: name, and member to variable.
     stepping : str
@@ -144,10 +144,10 @@ class _Builder:
         self.currents = self._currents()
         gains = ca.SX.sym("k_m", len(self.currents))
         self.p_all = ca.vertcat(self.p, gains, ca.SX.sym("step"))
-        factor = ca.SX.ones(len(self.d.inputs))
+        self.factor = ca.SX.ones(len(self.d.inputs))
         for k, i in enumerate(self.currents):
-            factor[i] = gains[k]
-        self.torque = self.u * factor  # what the rig's equations take
+            self.factor[i] = gains[k]
+        self.torque = self.u * self.factor  # what the rig's equations take
         self.others = self._others()
 
     # --- expressions ---
@@ -203,27 +203,29 @@ class _Builder:
         return self.study.w_min or W_MIN
 
     def _functions(self):
-        """The five functions that the wrapper calls, and the sparsity of everything computed."""
+        """The functions that the wrapper calls, and the sparsity of everything computed."""
         arguments, names = [self.x, self.z, self.u, self.p_all, self.t], ["x", "z", "u", "p", "t"]
         xdot, residual = system(self.model, self.d)(self.x, self.z, self.torque, self.p, self.t)
         y = ca.vertcat(*self.others.values(), ca.SX(0, 1))
         observe = ca.Function("model_observe", arguments, [ca.densify(ca.cse(xdot)), ca.densify(ca.cse(y))], names,
                               ["xdot", "y"])
-        inner = ca.Function("inner", [self.u, self.p_all], [self.torque, self.p])
-        X, Z, U, P, T = (ca.MX.sym(n, a.numel()) for n, a in zip(names, arguments))
-        torque, p = inner(U, P)
-        initial = ca.Function("model_initial", [X, Z, U, P, T], [self.d.initial(X, Z, torque, p, T)], names, ["z_now"])
         forward, reverse, sparsity = _derivatives(arguments, xdot, y, residual)
-        return [initial, self._step(inner), observe, forward, reverse], sparsity
+        return [*self._stepping(), observe, forward, reverse], sparsity
 
-    def _step(self, inner):
-        X, Z, P, T, H = (ca.MX.sym(n, k) for n, k in zip("xzpth", (self.x.numel(), self.z.numel(),
-                                                                   self.p_all.numel(), 1, 1)))
-        U0, U1 = (ca.MX.sym(n, self.u.numel()) for n in ("u0", "u1"))
-        (first, p), (last, _) = inner(U0, P), inner(U1, P)
-        found = [*self.d.step.call([X, Z, first, last, p, T, H]), ca.MX(0)]  # not every step tells its error
-        return ca.Function("model_step", [X, Z, U0, U1, P, T, H], found[:3],
-                           ["x", "z", "u0", "u1", "p", "t", "h"], ["x_next", "z_next", "error"])
+    def _stepping(self):
+        """What only the parameters ask for, gains of the inputs last; a start that fits, and a step, which take it."""
+        d, n = self.d, self.d.prepare.numel_out(0)
+        prepare = ca.Function("model_prepare", [self.p_all], [ca.vertcat(d.prepare(self.p), self.factor)], ["p"], ["q"])
+        X, Z, U0, U1, T, H = (ca.MX.sym(k, a) for k, a in (
+            ("x", self.x.numel()), ("z", self.z.numel()), ("u0", self.u.numel()), ("u1", self.u.numel()), ("t", 1),
+            ("h", 1)))
+        Q = ca.MX.sym("q", prepare.numel_out(0))
+        q, gain = Q[:n], Q[n:]
+        initial = ca.Function("model_initial", [X, Z, U0, Q, T], [d.initial(X, Z, U0 * gain, q, T)],
+                              ["x", "z", "u", "q", "t"], ["z_now"])
+        step = ca.Function("model_step", [X, Z, U0, U1, Q, T, H], d.step.call([X, Z, U0 * gain, U1 * gain, q, T, H]),
+                           ["x", "z", "u0", "u1", "q", "t", "h"], ["x_next", "z_next", "error"])
+        return [prepare, initial, step]
 
     # --- variables ---
 
@@ -249,7 +251,8 @@ class _Builder:
                 raise StudyError(f"{self.study.path}: the name '{name}' is taken twice in the export of "
                                  f"{self.study.rig}; rename the column or component")
         sizes = {"x": len(self.d.states), "z": len(self.d.algebraic), "u": len(self.d.inputs),
-                 "p": self.p_all.numel(), "y": len(self.others), "e": len(self.model.segments)}
+                 "p": self.p_all.numel(), "q": functions[0].numel_out(0), "y": len(self.others),
+                 "e": len(self.model.segments)}
         _depend(entries, sizes, sparsity)
         comment = (self.model.library.find(self.study.rig).comment or "").strip('"')
         identified = {n for n, s in self.study.parameters.items() if s.value is not None}

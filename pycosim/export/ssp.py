@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import tempfile
 import xml.etree.ElementTree as xml
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from .. import __version__
-from ..errors import StudyError
+from .. import __version__, controllers
+from ..errors import ModelicaError, StudyError
 from . import units
-from .description import describe
+from .controller import export_block
+from .description import describe, values
 from .fmu import export_fmu, write_archive
 
 PLANT = "plant"
@@ -33,11 +34,14 @@ class Part:
         The file.
     connectors : dict of str to (str, str, str)
         Name of a variable to ``input`` or ``output``, its type (``Real``, ``Boolean``), and its unit or an empty text.
+    parameters : dict of str to (float, str)
+        Start value and unit of each.
     """
 
     name: str
     fmu: bytes
     connectors: dict
+    parameters: dict = field(default_factory=dict)
 
 
 def read_part(name, path):
@@ -69,14 +73,58 @@ def read_part(name, path):
     kinds = {"Float64": "Real", "Float32": "Real"}
     connectors = {v.name: (v.causality, kinds.get(v.type, v.type), v.unit or "")
                   for v in description.modelVariables if v.causality in ("input", "output")}
-    return Part(name, Path(path).read_bytes(), connectors)
+    parameters = {v.name: (float(v.start), v.unit or "") for v in description.modelVariables
+                  if v.causality == "parameter" and kinds.get(v.type, v.type) == "Real"}
+    return Part(name, Path(path).read_bytes(), connectors, parameters)
 
 
-def export_ssp(study, model, folder, fmi=2, platforms="host", others=()):
-    """Write ``<study>.ssp``: the plant, its parameter sets, and what is connected to it by name.
+def control_parts(study, model, fmi=2, platforms="host"):
+    """A position controller and a joint torque estimator of a machine, and what goes from the one to the plant.
 
-    An output and an input of two parts are connected where their names are the same, as ``tau1``; what is left of the
-    inputs, and every output of the plant, is at the border of the system.
+    Parameters
+    ----------
+    study : Study
+    model : Model
+    fmi : int
+        2 or 3.
+    platforms : str
+        ``host`` or ``all``.
+
+    Returns
+    -------
+    parts : list of Part
+        Without one whose questions the machine does not answer.
+    wires : dict of (str, str) to (str, str)
+        Component and input, to component and output: what is connected though the names differ.
+    missing : list of str
+        What there is not, and why.
+    """
+    given, parts, missing = values(study, model), [], []
+    for name, kind in (("controller", "position"), ("estimator", "estimator")):
+        try:
+            block = controllers.make(kind, model, given)
+        except (StudyError, ModelicaError) as error:
+            missing.append(f"no {name}: {error}")
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            parts.append(read_part(name, export_block(block, folder, fmi, platforms)))
+    plant, wires = describe(study, model), {}
+    unit = {e.name: e.variable.unit for e in plant.entries}
+    torques = next((p.connectors for p in parts if p.name == "controller"), {})
+    for motor, drive in ((m, members["drive"]) for m, members in plant.terminals if "drive" in members):
+        if f"{motor}.tau" in torques and unit[drive] == "N.m":
+            wires[PLANT, drive] = "controller", f"{motor}.tau"
+        elif torques:
+            missing.append(f"'{drive}' [{unit[drive]}] is not connected, since the controller gives torques")
+    return parts, wires, missing
+
+
+def export_ssp(study, model, folder, fmi=2, platforms="host", others=(), wires=None):
+    """Write ``<study>.ssp``: the plant, further parts, their parameter sets, and what is connected to what.
+
+    An output and an input of two parts are connected where their names are the same, as ``tau1``, the plant's output
+    first; what is left of the inputs, and every output, is at the border of the system, those of other parts as
+    ``estimator_C``.
 
     Parameters
     ----------
@@ -90,7 +138,9 @@ def export_ssp(study, model, folder, fmi=2, platforms="host", others=()):
     platforms : str
         ``host`` or ``all``.
     others : sequence of Part
-        Controllers, estimators; see `read_part`.
+        Controllers, estimators; see `read_part` and `control_parts`.
+    wires : dict of (str, str) to (str, str), optional
+        Component and input, to the component and output that feeds it under another name.
 
     Returns
     -------
@@ -110,8 +160,11 @@ def export_ssp(study, model, folder, fmi=2, platforms="host", others=()):
         if other.name in parts:
             raise StudyError(f"two components of the system are called '{other.name}'; give each its own name")
         parts[other.name] = other.connectors
-    files = {STRUCTURE: _structure(plant, parts), **{f"resources/{p.name}.fmu": p.fmu for p in others},
-             **{f"resources/{kind}.ssv": _values(plant, kind) for kind in _sets(plant)}}
+    sets = {**_sets(plant), **{p.name: {f"{p.name}.{n}": v for n, v in p.parameters.items()}
+                               for p in others if p.parameters}}
+    files = {STRUCTURE: _structure(plant, parts, sets, wires or {}),
+             **{f"resources/{p.name}.fmu": p.fmu for p in others},
+             **{f"resources/{kind}.ssv": _values(kind, found) for kind, found in sets.items()}}
     with tempfile.TemporaryDirectory() as temporary:
         fmu = export_fmu(study, model, temporary, fmi, ("cs", "me"), platforms)
         files[f"resources/{PLANT}.fmu"] = fmu.read_bytes()
@@ -148,34 +201,35 @@ def _units(root, space, used):
 
 
 def _sets(plant):
-    """Parameters by the set they belong to; no set is empty."""
-    found = {kind: [e for e in plant.entries if e.causality == "parameter"
-                    and (e.name in plant.identified) == (kind == "identified")] for kind in _SETS}
+    """Parameters of the plant by the set they belong to, as value and unit; no set is empty."""
+    found = {kind: {f"{PLANT}.{e.name}": (e.variable.value, e.variable.unit) for e in plant.entries
+                    if e.causality == "parameter" and (e.name in plant.identified) == (kind == "identified")}
+             for kind in _SETS}
     return {kind: entries for kind, entries in found.items() if entries}
 
 
-def _values(plant, kind):
+def _values(kind, parameters):
     """One parameter set, with names as the whole system sees them."""
-    root = xml.Element(_tag("ssv:ParameterSet"), version="1.0", name=kind, description=_SETS[kind],
+    root = xml.Element(_tag("ssv:ParameterSet"), version="1.0", name=kind,
+                       description=_SETS.get(kind, f"Parameters of the {kind}, and what it believes of the machine"),
                        generationTool=f"pycosim {__version__}")
-    group, used = _add(root, "ssv:Parameters"), []
-    for entry in _sets(plant)[kind]:
-        parameter = _add(group, "ssv:Parameter", name=f"{PLANT}.{entry.name}")
-        _add(parameter, "ssv:Real", value=repr(float(entry.variable.value)), unit=entry.variable.unit)
-        used.append(entry.variable.unit)
-    _units(root, "ssv", used)
+    group = _add(root, "ssv:Parameters")
+    for name, (value, unit) in parameters.items():
+        parameter = _add(group, "ssv:Parameter", name=name)
+        _add(parameter, "ssv:Real", value=repr(float(value)), **({"unit": unit} if unit else {}))
+    _units(root, "ssv", [unit for _, unit in parameters.values()])
     return _bytes(root)
 
 
-def _structure(plant, parts):
+def _structure(plant, parts, sets, wires):
     """``SystemStructure.ssd``."""
     root = xml.Element(_tag("ssd:SystemStructureDescription"), version="1.0", name=plant.name,
                        description=f"{plant.rig}: {plant.description}", generationTool=f"pycosim {__version__}")
     system = _add(root, "ssd:System", name=plant.name)
-    border, connections = _wiring(parts)
+    border, connections = _wiring(parts, wires)
     _connectors(system, border)
     bindings = _add(system, "ssd:ParameterBindings")
-    for kind in _sets(plant):
+    for kind in sets:
         _add(bindings, "ssd:ParameterBinding", source=f"resources/{kind}.ssv")
     elements = _add(system, "ssd:Elements")
     for part, connectors in parts.items():
@@ -198,27 +252,30 @@ def _connectors(element, connectors):
         _add(connector, f"ssc:{type_}", **({"unit": unit} if unit and type_ == "Real" else {}))
 
 
-def _wiring(parts):
+def _wiring(parts, wires):
     """Connectors of the system, and connections as ((component or None, name), (component or None, name))."""
-    sources, border, connections = {}, {}, []
-    for part, connectors in parts.items():
-        for name, (kind, *_) in connectors.items():
-            if kind == "output":
-                sources.setdefault(name, []).append(part)
+    border, connections = {}, []
     for part, connectors in parts.items():
         for name, (kind, *rest) in connectors.items():
-            feeding = [s for s in sources.get(name, ()) if s != part]
-            if kind == "input" and len(feeding) > 1:
-                raise StudyError(f"input '{name}' of '{part}' has the outputs of {' and '.join(feeding)} to choose "
-                                 "from; give one of them another name")
             if kind == "input":
-                if not feeding:
+                start = wires.get((part, name)) or _feeding(parts, part, name)
+                if start[0] is None:
                     border[name] = (kind, *rest)
-                connections.append(((feeding[0] if feeding else None, name), (part, name)))
-            elif part == PLANT:
-                border[name] = (kind, *rest)
-                connections.append(((part, name), (None, name)))
+                connections.append((start, (part, name)))
+            else:
+                outside = name if part == PLANT else f"{part}_{name}"
+                border[outside] = (kind, *rest)
+                connections.append(((part, name), (None, outside)))
     return border, connections
+
+
+def _feeding(parts, part, name):
+    """The output that an input takes by its name, the plant's first; None for the border of the system."""
+    found = [p for p, connectors in parts.items() if p != part and connectors.get(name, [""])[0] == "output"]
+    if len(found) > 1 and PLANT not in found:
+        raise StudyError(f"input '{name}' of '{part}' has the outputs of {' and '.join(found)} to choose from; give "
+                         "one of them another name")
+    return (PLANT if PLANT in found else found[0] if found else None), name
 
 
 def _validate(path):

@@ -1,4 +1,4 @@
-"""A log file of some format comes in; a Table of named columns goes out. One module a format, registered here."""
+"""A log file of some format comes in; Tables of named columns go out. One module a format, registered here."""
 
 from __future__ import annotations
 
@@ -10,14 +10,19 @@ import numpy as np
 
 from ..errors import DataError, StudyError, closest
 
-# name in `[data] reader`, or ending of the file: module with `read(path, wanted, text) -> Table`
+# name in `[data] reader`, or ending of the file: module with `read(path, wanted, text) -> Table`, or, where a file may
+# be larger than memory, `parts(path, wanted, text) -> rows, iterator of Table`, see `read_parts`
 READERS = {"bam": "bam", "epos": "epos", ".csv": "comma", ".parquet": "parquet", ".pq": "parquet", ".mat": "matlab",
            ".mcap": "mcap", ".mf4": "mdf", ".mdf": "mdf"}
 
 
+BLOCK = 2**22
+"""Bytes of text that are held at a time."""
+
+
 @dataclass
 class Table:
-    """What is in a file, before the study's columns are looked up.
+    """What is in a file or in a part of it, before the study's columns are looked up.
 
     Attributes
     ----------
@@ -40,7 +45,7 @@ class Table:
     meta: dict = field(default_factory=dict)
 
 
-def read_table(path, name, wanted, text):
+def read_parts(path, name, wanted, text):
     """Read a file with the reader of this name, or the one its ending asks for.
 
     Parameters
@@ -55,7 +60,10 @@ def read_table(path, name, wanted, text):
 
     Returns
     -------
-    Table
+    rows : int
+        Rows of data in the file.
+    tables : iterator of Table
+        At least one, in order of rows; all have the same columns.
 
     Raises
     ------
@@ -68,7 +76,11 @@ def read_table(path, name, wanted, text):
             raise StudyError(f"no reader '{name}'{closest(name, [r for r in READERS if r[0] != '.'])}")
         raise DataError(f"{path}: cannot tell the format from the ending '{path.suffix}'; use "
                         f"{', '.join(r for r in READERS if r[0] == '.')}, or set [data] reader")
-    return importlib.import_module(f".{READERS[key]}", __package__).read(path, wanted, text)
+    module = importlib.import_module(f".{READERS[key]}", __package__)
+    if hasattr(module, "parts"):
+        return module.parts(path, wanted, text)
+    table = module.read(path, wanted, text)
+    return table.rows.size, iter([table])
 
 
 def refuse_no_file(path):
@@ -103,14 +115,40 @@ def read_text(path, encoding="utf-8-sig"):
     -------
     str
     """
-    raw = Path(path).read_bytes()
-    if b"\0" in raw:
-        raise DataError(f"{path}: is a binary file, not text; export the log as comma-separated text")
-    try:
-        return raw.decode(encoding)
-    except UnicodeDecodeError as error:
-        row = raw.count(b"\n", 0, error.start) + 1
-        raise DataError(f"{path}, row {row}: is not UTF-8 text; save the file as UTF-8, or set [data] reader") from None
+    return "".join(text_blocks(path, encoding))
+
+
+def text_blocks(path, encoding="utf-8-sig"):
+    """The text of a file in blocks of whole lines.
+
+    Parameters
+    ----------
+    path : Path
+    encoding : str
+
+    Yields
+    ------
+    str
+
+    Raises
+    ------
+    DataError
+        The file is not text.
+    """
+    row = 1
+    with Path(path).open("rb") as stream:
+        while raw := stream.read(BLOCK) + stream.readline():
+            if b"\0" in raw:
+                raise DataError(f"{path}: is a binary file, not text; export the log as comma-separated text")
+            try:
+                text = raw.decode(encoding)
+            except UnicodeDecodeError as error:
+                row += raw.count(b"\n", 0, error.start)
+                raise DataError(f"{path}, row {row}: is not UTF-8 text; save the file as UTF-8, "
+                                "or set [data] reader") from None
+            yield text
+            row += raw.count(b"\n")
+            encoding = encoding.removesuffix("-sig")  # a byte-order mark stands at the start alone
 
 
 def optional(path, package, module, kind, extra):

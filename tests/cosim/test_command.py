@@ -56,6 +56,25 @@ def test_until_and_resume_make_one_log(here, capsys):
     assert not (here / "joint_cosim" / "checkpoint.zip").exists()
 
 
+def test_a_run_that_is_killed_leaves_a_checkpoint_beside_its_folder(here):
+    (here / "joint.toml").write_text(JOINT.replace("duration = 1.2", "duration = 20"))
+    left = here / "out.checkpoint.zip"
+    child = subprocess.Popen([sys.executable, "-c", CHILD, "cosim", "joint.toml", "--out", "out",
+                              "--checkpoint-every", "0.1"], env={**os.environ, "PYTHONPATH": str(ROOT)},
+                             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    end = time.monotonic() + 60
+    while not left.exists() and time.monotonic() < end:
+        time.sleep(0.02)
+    child.kill()
+    child.wait()
+    assert not (here / "out").exists()
+    assert main(["cosim", "joint.toml", "--quiet", "--out", "out", "--resume", str(left),
+                 "--checkpoint-every", "1"]) == 0
+    assert main(["cosim", "joint.toml", "--quiet", "--out", "whole"]) == 0
+    assert (here / "out" / "run.csv").read_bytes() == (here / "whole" / "run.csv").read_bytes()
+    assert not left.exists()
+
+
 def test_ctrl_c_leaves_a_complete_log_a_checkpoint_and_130(here):
     (here / "joint.toml").write_text(JOINT.replace("duration = 1.2", "duration = 2000"))
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -79,14 +79,15 @@ def test_answers_and_friction_states_are_those_of_python(exported, question):
 def test_the_step_is_that_of_python(exported):
     model, c = exported
     d, rng = dynamics(model), np.random.default_rng(2)
+    q = d.prepare(c.parameters)
     for _ in range(50):
         x, u0, u1 = point(rng, d.states), point(rng, d.inputs), point(rng, d.inputs)
         z = c.call("simulate_start", [x, np.zeros(len(d.algebraic)), u0, c.parameters, 0.0], [len(d.algebraic)])[0]
-        wanted = d.initial(x, np.zeros(len(z)), u0, c.parameters, 0)
+        wanted = d.initial(x, np.zeros(len(z)), u0, q, 0)
         c.agrees(z, wanted)
         sizes = [len(x), len(z), 1]
         x_next, z_next, error = c.call("simulate_step", [x, z, u0, u1, c.parameters, 0.0, 1e-3], sizes)
-        wanted = d.step(x, wanted, u0, u1, c.parameters, 0, 1e-3)
+        wanted = d.step(x, wanted, u0, u1, q, 0, 1e-3)
         assert error[0] <= 1
         c.agrees(x_next, wanted[0])
         y = c.call("simulate_output", [x_next, z_next, u1, c.parameters, 1e-3], [len(d.outputs)])[0]

@@ -1,5 +1,10 @@
 """The system structure: valid by the standard's schemas, and simulated by another importer to Python's numbers."""
 
+import json
+import os
+import re
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -9,6 +14,7 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import find_components, read_ssd, read_ssv
 
 from pycosim.errors import StudyError
+from pycosim.export import export
 from pycosim.export.description import values
 from pycosim.export.ssp import Part, export_ssp, read_part
 from pycosim.simulate import simulate
@@ -41,6 +47,86 @@ def test_fmpy_simulates_it_with_its_parameter_set(system, study, model):
     assert abs(expected["q"][-1]) > 0.01
     assert np.allclose(found["plant.q"][:200], expected["q"][1:], rtol=1e-9, atol=1e-12)
     assert np.allclose(found["q"], found["plant.q"], rtol=0, atol=0) and "gear.still" in found.dtype.names
+
+
+@pytest.fixture(scope="module")
+def controlled(study, model, tmp_path_factory):
+    """What the command writes: plant, controller and estimator."""
+    folder = tmp_path_factory.mktemp("controlled")
+    made = export(study("GearedJoint"), model("GearedJoint"), folder, to="ssp")
+    assert "plant, controller, estimator" in made.lines[0] and not any("In the SSP" in n for n in made.lines)
+    return folder / made.files[0]
+
+
+def test_the_command_connects_controller_and_estimator(controlled):
+    read = read_ssd(str(controlled))
+    assert [c.name for c in find_components(read.system)] == ["plant", "controller", "estimator"]
+    wires = {(c.endElement, c.endConnector): (c.startElement, c.startConnector) for c in read.system.connections}
+    assert wires["plant", "tau"] == ("controller", "motor.tau")
+    assert wires["estimator", "motor.tau"] == ("plant", "motor.tau") == wires[None, "motor.tau"]
+    assert wires["controller", "motor.phi"] == ("plant", "motor.phi") and wires[None, "estimator_C"][0] == "estimator"
+    assert wires["controller", "ref.motor.phi"] == (None, "ref.motor.phi") and wires["plant", "push"][0] is None
+    gains = {p.name: float(p.value) for p in read_ssv(str(controlled), "resources/controller.ssv").parameters}
+    assert gains["controller.kp"] == 3.0 and gains["controller.gear.f0"] == 0.04
+
+
+def followed(path, most):
+    """Motor angle, and the joint torque as it is and as it is estimated, along a slow sine."""
+    chosen = read_ssv(str(path), "resources/controller.ssv")
+    next(p for p in chosen.parameters if p.name == "controller.tau_max").value = str(most)
+    size, speed = 20.0, 3.0
+    motion = {"ref.motor.phi": lambda t: size * (1 - np.cos(speed * t)),
+              "ref.motor.w": lambda t: size * speed * np.sin(speed * t),
+              "ref.motor.a": lambda t: size * speed ** 2 * np.cos(speed * t)}
+    motion["motor.a"] = motion["ref.motor.a"]  # nobody measures it; the estimator takes it for the rotor's inertia
+    y = simulate_ssp(str(path), stop_time=1.0, step_size=1e-3, parameter_set=chosen, input=motion)
+    return y, size * (1 - np.cos(speed * (y["time"] + 1e-3)))
+
+
+def test_the_system_follows_a_motion_and_estimates_its_torque(controlled):
+    y, wanted = followed(controlled, 3.0)
+    late = y["time"] > 0.1
+    assert np.abs(y["motor.phi"] - wanted)[late].max() < 0.005 * np.ptp(wanted)
+    assert np.ptp(y["C"]) > 5 and np.abs(y["estimator.C"] - y["C"])[late].max() < 0.05 * np.ptp(y["C"])
+    weak, _ = followed(controlled, 0.01)  # the parameter set is what the controller takes
+    assert np.abs(weak["controller.motor.tau"]).max() == pytest.approx(0.01)
+    assert np.abs(weak["motor.phi"] - wanted)[late].max() > 0.5 * np.ptp(wanted)
+
+
+_ECOS = """
+import sys
+from ecospy import EcosSimulation
+with EcosSimulation(ssp_path=sys.argv[1], step_size=1e-3) as simulation:
+    simulation.init()
+    simulation.step(100)
+    print([simulation.get_real(f"plant::{n}") for n in ("q", "motor.phi")])
+    simulation.terminate()
+"""
+
+
+def without_border(path, folder):
+    """The system without connections to its border, which ecos cannot read."""
+    changed = folder / path.name
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(changed, "w") as copy:
+        for name in archive.namelist():
+            data = archive.read(name)
+            if name == "SystemStructure.ssd":
+                whole = len(re.findall(rb"<ssd:Connection ", data))
+                data = re.sub(rb"<ssd:Connection (?:(?!startElement)[^>])*/>|<ssd:Connection (?:(?!endElement)[^>])*/>",
+                              b"", data)
+                assert 0 < len(re.findall(rb"<ssd:Connection ", data)) < whole
+            copy.writestr(name, data)
+    return changed
+
+
+def test_ecos_loads_and_steps_the_system(controlled, tmp_path):
+    environment = {**os.environ, "LD_LIBRARY_PATH": str(Path(sys.prefix) / "lib")}  # where the wheel of tbb is
+    if subprocess.run([sys.executable, "-c", "import ecospy"], env=environment, capture_output=True).returncode:
+        pytest.skip("ecospy, or the tbb it needs, is not installed")
+    done = subprocess.run([sys.executable, "-c", _ECOS, str(without_border(controlled, tmp_path))], env=environment,
+                          capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr + done.stdout
+    assert max(map(abs, json.loads(done.stdout.splitlines()[-1]))) < 1e-6  # held where it starts, upright
 
 
 def test_a_further_component_is_wired_by_name(study, model, built, tmp_path):

@@ -163,7 +163,8 @@ STUDIES = {
     "an effect twice": (lambda t: t + 2 * EFFECT.format("viscous", "1A"), "is listed twice"),
     "a log fitted and held out": (lambda t: t.replace("runs = []", 'runs = ["log.csv"]').replace(
         "held_out = []", 'held_out = ["log.csv"]'), "is in runs and in held_out"),
-    "a variable read twice": (lambda t: t.replace('"motor2.tau"', '"motor1.tau"'), "already read from column 'tau1'"),
+    "a variable read twice": (lambda t: t.replace('variable = "motor2.tau"', 'variable = "motor1.tau"'),
+                              "already read from column 'tau1'"),
     "an unknown reference": (lambda t: t.replace('"unknown"', '"senser"', 1), "reference = 'senser' is unknown"),
     "a sensor that no log holds": (lambda t: t.replace('reference = "unknown"', 'reference = "sensor"').replace(
         "C_H = {", "hip = {").replace("C_K = {", "knee = {"), 'reference = "sensor", but no log holds C_H, C_K'),

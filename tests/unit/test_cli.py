@@ -97,7 +97,7 @@ def test_improve_leaves_every_file_and_tells_the_story(log, here, capsys):
     ladder = read(out / "ladder.json")
     assert ladder["held_out"] and all(len(r) == 3 for r in ladder["held_out"])
     assert [s["added"] for s in ladder["steps"]][:2] == [None, {"effect": "viscous", "place": "1A"}]
-    assert all(set(s) == {"added", "error", "held_out_error"} for s in ladder["steps"])
+    assert all(set(s) >= {"added", "error", "held_out_error"} for s in ladder["steps"])
     improved = load_study(out / "study.toml")
     assert ("viscous", "1A") in improved.effects and improved.runs == [log]
     assert abs(improved.parameters["viscous_1A.b"].value - 0.05) < 0.005
@@ -195,8 +195,6 @@ def test_help_is_quick_and_every_verb_has_an_example(capsys):
     told = subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True, check=True,
                           env=ENVIRONMENT)
     assert told.stdout.endswith("set()\n")
-    for missing in ("plan", "report", "app"):
-        assert f"  {missing} " not in told.stdout
 
 
 def test_the_whole_help_has_an_example_and_tells_how_to_complete(capsys):

@@ -5,12 +5,14 @@ import re
 import numpy as np
 import pytest
 
-from pycosim import demo, figures, identify, results
+from pycosim import demo, identify, results
 from pycosim.compile import Library
 from pycosim.dataset import Dataset
 from pycosim.dependence import noise_floor
-from pycosim.diagnose import diagnose
+from pycosim.diagnose import Finding, diagnose
 from pycosim.improve import Improvement, step_of
+from pycosim.report import figures
+from pycosim.report.values import PIXELS, envelope
 from pycosim.study import load_study
 
 SHORT = {"speeds": (0.4, 1.6), "longest": 2.0}
@@ -34,7 +36,7 @@ def improvement(dataset):
     from pycosim.compile import compile_model
     larger = compile_model(dataset.library, dataset.study.rig, [(effect, place)])
     fit = next(f.fit for f in first.candidates if f.key == (effect, place))
-    steps = [step_of(dataset, dataset.base, base), step_of(dataset, larger, fit, (effect, place))]
+    steps = [step_of(dataset, dataset.base, base), step_of(dataset, larger, fit, Finding(effect, place))]
     return Improvement(first, first, steps)
 
 
@@ -44,6 +46,7 @@ def _all(dataset, improvement):
         "manoeuvres": figures.manoeuvres(dataset), "over_time": figures.over_time(dataset, *base, last),
         "where_it_fails": figures.where_it_fails(dataset, *base), "residuals": figures.residuals(dataset, *base),
         "signature": figures.signature(dataset, base, last, improvement.steps[1].added),
+        "maps": figures.maps(dataset, *base), "intervals": figures.intervals(results.parameters(*reversed(last), 0)),
         "ladder": figures.ladder(improvement, dataset), "candidates": figures.candidates(improvement.first)}
 
 
@@ -52,6 +55,9 @@ def test_every_axis_has_a_label_with_a_unit_and_no_figure_a_title(dataset, impro
         assert figure.get_size_inches()[0] <= figures.PAGE
         for axes in figure.axes:
             assert not axes.get_title() and not figure.get_suptitle(), name
+            if axes.get_label() == "<colorbar>":
+                assert re.search(r"\[.+\]$", axes.get_ylabel()), name
+                continue
             bottom, left = axes.get_subplotspec().is_last_row(), axes.get_subplotspec().is_first_col()
             for text, needed in ((axes.get_xlabel(), bottom), (axes.get_ylabel(), left)):
                 assert not needed or re.search(r"\[.+\]$", text), f"{name}: '{text}'"
@@ -89,9 +95,9 @@ def test_a_long_signal_keeps_its_peaks():
     time = np.linspace(0, 100, 200_000)
     values = np.sin(time)
     values[77_777], values[123_456], values[5:500] = 9.0, -9.0, np.nan
-    t, v = figures.envelope(time, values)
-    assert len(t) == len(v) <= 2 * figures.PIXELS and np.nanmax(v) == 9.0 and np.nanmin(v) == -9.0
-    short = figures.envelope(time[:100], values[:100])
+    t, v = envelope(time, values)
+    assert len(t) == len(v) <= 2 * PIXELS and np.nanmax(v) == 9.0 and np.nanmin(v) == -9.0
+    short = envelope(time[:100], values[:100])
     np.testing.assert_array_equal(short[1], values[:100])
 
 

@@ -15,10 +15,12 @@ SOURCES = [ROOT / f for f in subprocess.run(["git", "ls-files", "--cached", "--o
            if (ROOT / f).exists()]
 # who may know whom: a stage knows those before it, through whatever modules there are between them
 ARROW = (("errors", "variables"), ("compile",), ("simulate", "measurements"), ("identify",), ("compare",),
-         ("diagnose", "plan"), ("improve",), ("results", "export", "cosimulate"), ("figures",), ("report", "demo"),
+         ("diagnose", "plan"), ("improve",), ("results", "export", "cosimulate"), ("report",), ("demo",),
          ("cli", "app"))
-ONLY = {"pymoca": {"compile"}, "antlr4": {"compile"}, "matplotlib": {"figures", "cosim_figures"}, "argparse": {"cli"},
-        "fmpy": {"cosimulate", "export"}, "fmpy.simulation": {"cosimulate"}, "fmpy.simulate_fmu": {"cosimulate"}}
+ONLY = {"pymoca": {"compile"}, "antlr4": {"compile"}, "argparse": {"cli"},
+        "matplotlib": {"report", "cosim_figures", "plan_figures"},
+        "nicegui": {"app"}, "plotly": {"report"}, "fmpy": {"cosimulate", "export"},
+        "fmpy.simulation": {"cosimulate"}, "fmpy.simulate_fmu": {"cosimulate"}}
 
 
 def module(path):
@@ -55,7 +57,7 @@ def reached(name, graph):
 
 def test_the_imports_are_read():
     inner, outer = imports()
-    assert {"diagnose", "compare"} <= inner["improve"] and "matplotlib.figure.Figure" in outer["figures"]
+    assert {"diagnose", "compare"} <= inner["improve"] and "matplotlib.figure.Figure" in outer["report"]
     assert "pymoca" in outer["compile"] and {"compile", "errors"} <= inner["study"]  # a subpackage, and one module
 
 

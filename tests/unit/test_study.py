@@ -22,6 +22,7 @@ label = "phase"
 w_min = 0.03
 seed = 7
 drop_outs = "skip"
+most = 50_000
 
 [columns]
 theta1 = { variable = "motor1.phi", unit = "deg", zero = 2 }
@@ -54,7 +55,7 @@ def test_a_study_is_read_whole(study, tmp_path):
     assert found.runs == [tmp_path / "run1.csv", tmp_path / "more/run2.csv"]
     assert found.held_out == [tmp_path / "run3.csv"]
     assert (found.reference, found.labels, found.w_min, found.seed) == ("sensor", "phase", 0.03, 7)
-    assert found.drop_outs == "skip"
+    assert (found.drop_outs, found.most) == ("skip", 50_000)
     assert found.columns["i1"] == Column("motor1.tau", "mA", 0.11)
     assert found.effects == [("viscous", "1A+2A")]
 
@@ -63,6 +64,7 @@ def test_the_least_study_has_the_contracts_defaults(study):
     found = study(RIG)
     assert (found.reference, found.labels, found.time_column, found.seed) == ("unknown", "manoeuvre", "time", 0)
     assert (found.runs, found.w_min, found.drop_outs, found.average, found.reader) == ([], None, "refuse", None, None)
+    assert found.most == 2_000_000
 
 
 def test_a_column_becomes_si_with_its_zero_and_torque_constant(study):
@@ -146,6 +148,8 @@ BROKEN = {
     "unknown drop_outs": (RIG + '[data]\ndrop_outs = "fill"', ["drop_outs = 'fill'", "refuse, skip"]),
     "unknown reader": (RIG + '[data]\nreader = "xls"', ["reader = 'xls'", "bam, epos"]),
     "w_min not positive": (RIG + "[data]\nw_min = 0.0", ["w_min = 0", "above zero"]),
+    "most too small": (RIG + "[data]\nmost = 0", ["most = 0 rows", "100 at least"]),
+    "most not whole": (RIG + "[data]\nmost = 2e6", ["most must be an integer"]),
     "seed twice": ("seed = 1\n" + RIG + "[data]\nseed = 2", ["seed is given twice"]),
     "effect twice": (RIG + 2 * '[[effects]]\neffect = "viscous"\nplace = "1A"\n',
                      ["no. 2", "'viscous' at '1A'", "twice"]),

@@ -6,7 +6,6 @@ carry no titles: what they show is said in the docstrings, which serve as captio
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from functools import wraps
 
 import matplotlib as mpl
@@ -15,18 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
-from .compare import branches, unit_of, worded
-from .compile import compile_model, component_name
-from .dependence import explanations, noise_floor
-from .noise import contiguous
+from ..compare import branches, unit_of, worded
+from ..dependence import explanations, noise_floor
+from .values import (_quiet, _share, binned, envelope, half_energy, ideal, interval_rows, outputs, passes, planes,
+                     residual_map, residual_of, signature_values)
 
 COLUMN, PAGE = 3.46, 7.1  # width of a column and of a page [inch]
 # Hues of Okabe and Ito, safe for colour-blind readers; the blue darker than theirs, to differ from the red in print
 BLUE, RED, GREEN, GREY = "#004C7F", "#D55E00", "#009E73", "#767676"
 TONES = BLUE, RED, GREEN, "black"
 MARKERS, LINES, HATCHES = "os^D", ("-", "--", "-.", ":"), ("", "////", "....", "xxxx")
-PIXELS = 1200  # across a page, in a preview of 170 dots an inch
-BINS, FULL = 14, 0.15  # bins, and the share of an equal filling below which one is not shown
 STYLE = {
     "font.family": "serif", "font.serif": ["STIXGeneral", "DejaVu Serif"], "mathtext.fontset": "stix", "font.size": 8,
     "axes.labelsize": 8, "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7, "axes.linewidth": 0.6,
@@ -66,13 +63,6 @@ def _format(axes):
         if type(axis.get_major_formatter()) is ScalarFormatter:
             axis.set_major_formatter(_Numbers())
             axis.get_major_formatter().set_powerlimits(limits)
-
-
-@contextmanager
-def _quiet():
-    """No warnings of empty bins."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        yield
 
 
 # --- words and units ------------------------------------------------------------------------------------------------
@@ -122,120 +112,6 @@ def _capital(text):
 # --- values ---------------------------------------------------------------------------------------------------------
 
 
-def outputs(dataset, model, parameters):
-    """Values of the compared outputs by a model, NaN where nothing moves.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    model : Model
-    parameters : dict of str to float
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n,)
-    """
-    values = dataset.segment_signals(model, parameters, dataset.outputs)
-    return {c: np.where(dataset.moving, v, np.nan) for c, v in values.items()}
-
-
-def ideal(dataset):
-    """Values of the compared outputs without any friction: no effect, every f0 = 0 and mu = 1.
-
-    Parameters
-    ----------
-    dataset : Dataset
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n,), or None where a rig's segments have no f0
-    """
-    model = compile_model(dataset.library, dataset.study.rig)
-    values = {n: v.value for n, v in dataset.variables(model).items()}
-    lossless = {f"{c}.{p}": v for c in model.segments for p, v in (("f0", 0.0), ("mu", 1.0)) if f"{c}.{p}" in values}
-    if not any(n.endswith(".f0") for n in lossless):
-        return None
-    return dataset.segment_signals(model, {**values, **dataset.values(model), **lossless}, dataset.outputs)
-
-
-def residual_of(dataset, model, fit, parameters=None, part="all"):
-    """Residual of a model, and where in the log its samples are.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    model : Model
-    fit : Fit
-    parameters : dict of str to float, optional
-        Values to use instead of the fitted ones.
-    part : str
-        ``fit``, ``test`` or ``all``.
-
-    Returns
-    -------
-    residual : ndarray, shape (channels, samples)
-        In the channels' units.
-    index : ndarray of int, shape (samples,)
-    """
-    problem = dataset.residuals(model, fit.free, {**fit.parameters, **(parameters or {})}, part)
-    view = dataset.view(part)
-    values = [(parameters or {}).get(n, v) for n, v in zip(fit.free, fit.values)]
-    return problem.residual(values), view.i if dataset.paired else view
-
-
-def envelope(time, values, pixels=PIXELS):
-    """A long signal as its smallest and largest value in every pixel, so that no peak gets lost.
-
-    Parameters
-    ----------
-    time, values : ndarray, shape (n,)
-        NaN where there is no value.
-    pixels : int
-
-    Returns
-    -------
-    time, values : ndarray, shape (m,)
-        The signal itself where it has no more than two samples a pixel.
-    """
-    n = len(time)
-    if n <= 2 * pixels:
-        return time, values
-    edges = np.linspace(0, n, pixels + 1).astype(int)[:-1]
-    low, high = (f.reduceat(values, edges) for f in (np.fmin, np.fmax))
-    return np.repeat(time[edges], 2), np.column_stack([low, high]).ravel()
-
-
-def _bins(values, count=BINS):
-    """Bin number of every sample, and edges: equally wide over what 99 % of the samples cover."""
-    low, high = np.quantile(values, [0.005, 0.995])
-    if not high > low:
-        low, high = values.min() - 0.5, values.max() + 0.5
-    edges = np.linspace(low, high, count + 1)
-    return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1), edges
-
-
-def binned(x, y, count=BINS):
-    """Mean and spread of y over bins of x.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-    count : int
-        Number of bins.
-
-    Returns
-    -------
-    centre, mean, spread : ndarray, shape (bins that hold enough samples,)
-    """
-    where, edges = _bins(x, count)
-    number = np.bincount(where, minlength=count)
-    with _quiet():
-        centre, mean = (np.bincount(where, v, count) / number for v in (x, y))
-        spread = np.sqrt(np.maximum(np.bincount(where, y ** 2, count) / number - mean ** 2, 0))
-    keep = number >= max(1, FULL * len(x) / count)
-    return centre[keep], mean[keep], spread[keep]
-
-
 def _segment_directions(dataset):
     """Direction in (angle 1, angle 2) along which each segment stands still, from the log's own motion.
 
@@ -263,19 +139,9 @@ def _has_plane(dataset):
     return not dataset.averaged and len(_angles(dataset)) == 2
 
 
-def _passes(dataset):
-    """Samples and label of each pass, in order of time."""
-    found = []
-    for s in contiguous(dataset.time, dataset.passes):
-        if dataset.passes[s.start] >= 0:
-            name = "" if dataset.labels is None else str(dataset.labels[(s.start + s.stop) // 2])
-            found.append((s, "" if name in ("rest", "transfer", "nan") else name))
-    return found
-
-
 def _window(dataset, residual, index, most=12):
     """Slice of the log with every labelled manoeuvre once (else six passes), where the residual is largest."""
-    found = _passes(dataset)
+    found = passes(dataset)
     energy = np.zeros(len(dataset.time))
     np.add.at(energy, index, (residual ** 2).sum(0))
     names = {n for _, n in found if n}
@@ -324,7 +190,7 @@ def manoeuvres(dataset):
     figure = Figure(figsize=(COLUMN, 3.0))
     axes = figure.add_subplot()
     longest = {}
-    for s, name in _passes(dataset):
+    for s, name in passes(dataset):
         axes.plot(*envelope(x[s], y[s], 100), color=GREY, lw=0.5, alpha=0.6, zorder=1)
         length = np.hypot(x[s][-1] - x[s][0], y[s][-1] - y[s][0])
         if name and length > longest.get(name, (0,))[0]:
@@ -463,7 +329,7 @@ def _fitted(panels, dataset, channel, window, shown, lossless):
     if lossless is not None:
         axes.plot(*envelope(time, lossless[channel][window]), color=GREY, ls=":", lw=0.9, label="without losses")
     for name, color, line, model, fit in shown:
-        values = outputs(dataset, model, fit.parameters)[channel][window]
+        values = outputs(dataset, model, fit)[channel][window]
         axes.plot(*envelope(time, values), color=color, ls=line, lw=0.8, label=name)
         if not dataset.paired:
             panels[1].plot(*envelope(time, measured - values), color=color, ls=line, lw=0.5)
@@ -490,7 +356,7 @@ def _zones(axes, dataset, window):
 
 def _names(axes, dataset, window):
     """Names of the passes above a panel, while there is room for them."""
-    found = [((s.start + s.stop) // 2, name) for s, name in _passes(dataset) if name]
+    found = [((s.start + s.stop) // 2, name) for s, name in passes(dataset) if name]
     inside = [(dataset.time[k], name) for k, name in found if window.start <= k < window.stop]
     if len(inside) <= 24:
         for time, name in inside:
@@ -626,18 +492,6 @@ def _direction(dataset, residual, known):
     return known[best] > 0, best.partition("@")[2]
 
 
-def _share(values, residual, forward):
-    """Share of the residual's energy that bins of a variable explain, apart for two directions."""
-    explained = 0.0
-    for where in (forward, ~forward):
-        if where.sum() > 2 * BINS:
-            bins, _ = _bins(values[where])
-            number = np.maximum(np.bincount(bins, minlength=BINS), 1)
-            for r in residual:
-                explained += np.sum(np.bincount(bins, r[where], BINS) ** 2 / number) / np.sum(r ** 2)
-    return explained
-
-
 def _strongest(dataset, residual, known, forward):
     """Of each kind of variable, the one that the residual depends on most."""
     angles = [_named(dataset, a) for a in _angles(dataset)]
@@ -679,26 +533,21 @@ def signature(dataset, before, after, key):
     -------
     matplotlib.figure.Figure
     """
-    missing = _missing_torque(dataset, before, after, key)
-    residual, index = residual_of(dataset, *before, part="fit")
-    left, _ = residual_of(dataset, *after, part="fit")
-    known = explanations(dataset, *after, index)
-    known.update(_cycle(dataset, after, key, index))
-    variable = _depends(known, missing, residual)
+    found = signature_values(dataset, before, after, key)
+    missing = found["missing"]
     figure = Figure(figsize=(PAGE if missing else COLUMN, 2.2))
     axes = np.atleast_1d(figure.subplots(1, 2 if missing else 1))
-    for c, channel in enumerate(dataset.channels):
-        for k, (values, text) in enumerate(((residual, "without the effect"), (left, "with it"))):
-            centre, mean, _ = binned(known[variable], values[c] ** 2, 2 * BINS)
-            axes[0].plot(centre, np.sqrt(mean), color=(RED, BLUE)[k], ls=LINES[c], marker=MARKERS[c],
+    for c, (channel, (centre, *pair)) in enumerate(found["rmse"].items()):
+        for k, (values, text) in enumerate(zip(pair, ("without the effect", "with it"))):
+            axes[0].plot(centre, values, color=(RED, BLUE)[k], ls=LINES[c], marker=MARKERS[c],
                          mfc=("white", (RED, BLUE)[k])[k], label=f"{_symbol(dataset, channel)} {text}")
     axes[0].set_ylim(bottom=0)
     axes[0].set_ylabel(f"RMSE [{_units(dataset)}]")
     if missing:
-        _partial(axes[1], known[variable], missing)
-        axes[1].set_ylabel(f"{_kind(missing['probe'])} {missing['place']} [{_pretty(missing['unit'])}]")
+        _partial(axes[1], missing)
+        axes[1].set_ylabel(f"Missing {missing['kind']} of {missing['place']} [{_pretty(missing['unit'])}]")
     for panel in axes:
-        panel.set_xlabel(_capital(_variable_label(dataset, variable)))
+        panel.set_xlabel(_capital(_variable_label(dataset, found["variable"])))
         panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2 if panel is axes[0] else 3,
                      columnspacing=1.2)
     return figure
@@ -708,75 +557,11 @@ def _variable_label(dataset, variable):
     return "angle within a cycle [rad]" if variable == "cycle" else label(dataset, variable)
 
 
-def _kind(probe):
-    return "Missing friction of" if probe.endswith("dF") else "Missing torque of"
-
-
-def _cycle(dataset, after, key, index):
-    """Angle within one cycle, for an effect that repeats over the angle."""
-    model, fit = after
-    effect, place = next((e, p) for e, p in model.attached if (e.id, p.name) == tuple(key))
-    cycles = [c for c, kind in effect.scan.items() if kind == "cycles"]
-    angle = dataset.signals.get(f"{place.components[0]}.phi")
-    if not cycles or angle is None:
-        return {}
-    n = fit.parameters[f"{component_name(effect, place)}.{cycles[0]}"]
-    return {"cycle": np.mod(angle[index], 2 * np.pi / n)}
-
-
-def _missing_torque(dataset, before, after, key):
-    """Residual with and without an effect, all else equal, and the effect, in the direction of a torque at its place.
-
-    Returns
-    -------
-    dict or None
-        ``without``, ``with``, ``effect`` and ``drive``, summed over the channels with their weights, shape (n,); the
-        first three are to be divided by the sum of the last. None where the rig has no port at that place.
-    """
-    model, fit = after
-    effect, place = next((e, p) for e, p in model.attached if (e.id, p.name) == tuple(key))
-    attached = [(e.id, p.name) for e, p in model.attached]
-    probes = compile_model(dataset.library, model.rig, attached, True)
-    names = [n for n in probes.parameters for c in place.components
-             if n in (f"probe_{c}.dF", f"probe_{c}.dtau")]
-    if not names:
-        return None
-    others = {n: v for n, v in fit.parameters.items() if n in before[1].parameters}
-    full, _ = residual_of(dataset, *before, others, "fit")
-    left, _ = residual_of(dataset, model, fit, None, "fit")
-    parameters = {**{n: v.value for n, v in probes.parameters.items()}, **fit.parameters}
-    problem = dataset.residuals(probes, names[:1], parameters, "fit", dataset.exogenous())
-    drive = np.concatenate([j[:, 0] for _, _, j in problem.blocks([0.0])], axis=1)
-    w = fit.weights[:, None] ** 2
-    return {"without": (w * drive * full).sum(0), "with": (w * drive * left).sum(0),
-            "effect": (w * drive * (full - left)).sum(0), "drive": (w * drive ** 2).sum(0), "probe": names[0],
-            "place": dict(dataset.base.segments).get(place.components[0], place.components[0]),
-            "unit": probes.parameters[names[0]].unit}
-
-
-def _depends(known, missing, residual):
-    """Variable whose bins explain the effect best, or the residual where the effect has no port."""
-    def share(values):
-        bins, _ = _bins(values, 2 * BINS)
-        if missing is None:
-            return _share(values, residual, np.ones(len(values), bool))
-        top, size = (np.bincount(bins, missing[k], 2 * BINS) for k in ("effect", "drive"))
-        return np.sum(top ** 2 / np.maximum(size, 1e-300))
-    return max((n for n in known if not n.startswith("acceleration@")), key=lambda n: share(known[n]))
-
-
-def _partial(axes, x, missing):
-    bins, _ = _bins(x, 2 * BINS)
-    number = np.bincount(bins, minlength=2 * BINS)
-    keep = number >= max(1, FULL * len(x) / (2 * BINS))
-    with _quiet():
-        centre = (np.bincount(bins, x, 2 * BINS) / number)[keep]
-        size = np.bincount(bins, missing["drive"], 2 * BINS)
-        value = {k: (np.bincount(bins, missing[k], 2 * BINS) / size)[keep] for k in ("without", "with", "effect")}
+def _partial(axes, missing):
     axes.axhline(0, color="black", lw=0.4)
-    axes.plot(centre, value["without"], "o", color=RED, mfc="white", label="without the effect")
-    axes.plot(centre, value["effect"], "-", color="black", label="fitted effect")
-    axes.plot(centre, value["with"], "s", color=BLUE, ms=2.8, label="with it")
+    axes.plot(missing["centre"], missing["without"], "o", color=RED, mfc="white", label="without the effect")
+    axes.plot(missing["centre"], missing["effect"], "-", color="black", label="fitted effect")
+    axes.plot(missing["centre"], missing["with"], "s", color=BLUE, ms=2.8, label="with it")
 
 
 @_styled
@@ -863,6 +648,77 @@ def _p(value):
     return "< 0.001" if value < 1e-3 else f"= {value:.2g}"
 
 
+@_styled
+def maps(dataset, model, fit, channel=None):
+    """Error over the plane that it is most concentrated on: speed and load of a segment, or the two angles.
+
+    Numbers: share of the error's energy in percent, where it is 2 and more.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    channel : str, optional
+        The first by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure or None
+        None where there is no plane to draw over.
+    """
+    residual, index = residual_of(dataset, model, fit)
+    c = dataset.channels.index(channel) if channel else 0
+    known = explanations(dataset, model, fit, index)
+    found = [(pair, residual_map(known[pair[0]], known[pair[1]], residual)) for pair in planes(dataset, known)]
+    if not found:
+        return None
+    (x, y), best = min(found, key=lambda f: half_energy(f[1]["energy"][c], f[1]["samples"]))
+    figure = Figure(figsize=(COLUMN, 2.7))
+    axes = figure.add_subplot()
+    mesh = axes.pcolormesh(best["x"], best["y"], np.ma.masked_invalid(best["rmse"][c]), cmap="cividis", vmin=0)
+    middle = [(best[a][1:] + best[a][:-1]) / 2 for a in "xy"]
+    half = 0.5 * np.nanmax(best["rmse"][c])
+    for (row, column), share in np.ndenumerate(100 * np.nan_to_num(best["energy"][c])):
+        if share >= 2:
+            axes.text(middle[0][column], middle[1][row], f"{share:.0f}", ha="center", va="center", fontsize=6,
+                      color="black" if best["rmse"][c][row, column] > half else "white")
+    figure.colorbar(mesh, ax=axes, label=f"RMSE of {_symbol(dataset, dataset.channels[c])} "
+                                         f"[{_pretty(unit_of(dataset, dataset.channels[c]))}]")
+    axes.set_xlabel(_capital(label(dataset, x)))
+    axes.set_ylabel(_capital(label(dataset, y)))
+    return figure
+
+
+@_styled
+def intervals(parameters):
+    """Fitted parameters with their 95 % intervals, over the larger end of the interval.
+
+    Crosses: at a bound, or not determined by itself.
+
+    Parameters
+    ----------
+    parameters : dict
+        ``parameters.json``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    rows = interval_rows(parameters)
+    figure = Figure(figsize=(COLUMN, 0.6 + 0.17 * max(3, len(rows))))
+    axes = figure.subplots()
+    for k, row in enumerate(rows):
+        low, value, high = row["scaled"]
+        axes.plot([low, high], [k, k], color="black", lw=0.8, marker="|", label="_interval")
+        axes.plot(value, k, "o" if row["sure"] else "x", color=BLUE if row["sure"] else RED, label="_value")
+    axes.set_yticks(range(len(rows)), [row["name"] for row in rows], fontsize=7)
+    axes.invert_yaxis()
+    axes.set_xlabel("Value over the larger end of its interval [-]")
+    axes.set_ylabel("Parameter [-]")
+    return figure
+
+
 # --- files ----------------------------------------------------------------------------------------------------------
 
 
@@ -904,6 +760,10 @@ def write_comparison(folder, dataset, model, fit, other=None):
         save(over_time(dataset, model, fit, other), folder, "over_time")
     save(where_it_fails(dataset, model, fit, floor), folder, "where_it_fails")
     save(residuals(dataset, model, fit, floor), folder, "residuals")
+    for channel in dataset.channels:
+        figure = maps(dataset, model, fit, channel)
+        if figure is not None:
+            save(figure, folder, f"map_{channel}")
 
 
 def write_figures(folder, dataset, improvement):

@@ -1,0 +1,91 @@
+"""Ten pairs of effects: how often the right one is named after six manoeuvres at one speed, and after a plan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.hidden_effects import machine as rig
+
+# the true effect, with its coefficients, and a rival of the catalogue
+PAIRS = [
+    (("viscous", "1A", {"b": 0.02}), ("stribeck", "1A")),
+    (("viscous", "2A", {"b": 0.02}), ("stribeck", "2A")),
+    (("viscous", "1B", {"b": 0.02}), ("viscous", "2B")),
+    (("stribeck", "1A", {"fs": 0.04, "ws": 0.6}), ("viscous", "1A")),
+    (("torque_offset", "motor1", {"o": 0.02}), ("direction_asymmetry", "1A")),
+    (("torque_offset", "motor2", {"o": 0.02}), ("direction_asymmetry", "2A")),
+    (("direction_asymmetry", "1A", {"a": 0.3}), ("torque_offset", "motor1")),
+    (("load_nonlinearity", "1A", {"d": 0.02}), ("torque_saturation", "motor1")),
+    (("torque_constant", "motor1", {"g": 1.05}), ("load_nonlinearity", "1A")),
+    (("stribeck", "1B", {"fs": 0.03, "ws": 0.3}), ("stribeck", "2B")),
+]
+
+
+def fits(data, pair, truth):
+    """Both rivals, fitted to a data set from the values of the first."""
+    from pycosim import identify
+    from pycosim.compile import Library, compile_model, component_name
+    found, library = {}, Library()
+    base = identify.fit(data, data.base, part="all")
+    for key in pair:
+        model = compile_model(library, data.study.rig, [key])
+        name, start = component_name(*model.attached[0]), dict(base.parameters)
+        effect = model.attached[0][0]
+        for c in dict.fromkeys((*effect.size, *effect.scan)):
+            v = model.parameters[f"{name}.{c}"]
+            start[v.name] = truth.get(c, v.value + 0.3 * v.nominal) if key == pair[0] else v.value + 0.3 * v.nominal
+        found[key] = model, identify.fit(data, model, start, part="all")
+    return found
+
+
+def case(arguments):
+    """Whether the right one of two has the smaller error on unseen folds, and by how many standard errors."""
+    from benchmarks.plan.run import dataset
+    from pycosim.diagnose import difference, select
+    motion, seed, (true, other) = arguments
+    key = true[:2]
+    data = dataset(motion, seed, "gravity_model", (rig.Effect(key[0], key[1], **true[2]),))
+    both = fits(data, (key, other), true[2])
+    noise = both[key][1].noise
+    a, b = (select(data, *both[k], noise) for k in (key, other))
+    gap, spread = difference(b.white, a.white)
+    return gap > 0, gap / spread if np.isfinite(spread) and spread > 0 else 0.0
+
+
+def planned(pair):
+    """Plan that separates a pair, from one log of the six manoeuvres with the first of it hidden."""
+    from benchmarks.plan.run import baseline, dataset
+    from pycosim import plan
+    from pycosim.identify import fit as identify
+    true, other = pair
+    first = dataset(baseline(), 1000, "gravity_model", (rig.Effect(true[0], true[1], **true[2]),))
+    fit = identify(first, first.base, part="all")
+    k = plan.known(first.study, first.library, first.base, first, fit)
+    blocks = plan.rivals([(true[:2], other)], fits(first, (true[:2], other), true[2]))
+    found = plan.make_plan(k, "twins", 120.0, 100.0, blocks)
+    return found.motion, plan.separations(found)
+
+
+def report(pairs, seeds, pool):
+    """Print how often the right one is named, after the six manoeuvres and after the plan.
+
+    Parameters
+    ----------
+    pairs, seeds : int
+    pool : concurrent.futures.Executor
+    """
+    from benchmarks.plan.run import as_machine, baseline
+    print(f"\ntwins, {seeds} seeds: share in which the right one predicts unseen folds better, and by more than 1.645 "
+          "standard errors")
+    for pair in PAIRS[:pairs]:
+        motion, told = planned(pair)
+        shares = []
+        for m in (baseline(), as_machine(motion)):
+            rows = list(pool.map(case, [(m, s, pair) for s in range(seeds)]))
+            shares.append((np.mean([r[0] for r in rows]), np.mean([r[1] > 1.645 for r in rows])))
+        (true, other), (before, after) = pair, shares
+        name = f"{true[0]}@{true[1]} not {other[0]}@{other[1]}"
+        predicted = min(s["difference"] for s in told)
+        verdict = "separable" if all(s["separable"] for s in told) else "said to be inseparable"
+        print(f"{name:58s} six manoeuvres {before[0]:.2f} {before[1]:.2f}   plan {after[0]:.2f} {after[1]:.2f}   "
+              f"predicted {predicted:.1f} sigma, {verdict}", flush=True)

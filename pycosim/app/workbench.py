@@ -1,0 +1,346 @@
+"""A study and its logs in; models fitted one after the other, what they leave, and what to add next, out.
+
+What the page shows and does, without a page. Every step is computed first and put in place when whole, so that work
+that is given up leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from .. import identify, results
+from ..compile import Library, compile_model
+from ..dataset import Dataset
+from ..diagnose import Finding, _nudged, diagnose
+from ..errors import PycosimError, StudyError
+from ..export import export
+from ..improve import step_of
+from ..measurements import load
+from ..readers import read_parts
+from ..report import values
+from ..start import first_parameters, rigs
+from ..study import Setting, Study, load_study, write_study
+from .mapping import suggest, wanted
+
+FEW = 200  # samples below which a region says nothing
+
+
+class Given(PycosimError):
+    """What was asked for cannot be done in this state."""
+
+
+class Workbench:
+    """The loop: data, comparison, diagnosis, one more effect, and back.
+
+    Parameters
+    ----------
+    folder : path
+        Where dropped logs, the study and exports go; made when first written to.
+
+    Attributes
+    ----------
+    study : Study or None
+    dataset : Dataset or None
+    steps : list of Step
+        The base model first; empty until data are read.
+    found : Diagnosis or None
+        Of the last step; None until asked for.
+    """
+
+    def __init__(self, folder):
+        self.folder = Path(folder).absolute()
+        self.library, self.study, self.dataset = Library(), None, None
+        self.steps, self.found = [], None
+
+    # ---- data
+
+    def open(self, path, data=None, progress=None):
+        """Read a study and its logs, and fit its model.
+
+        Parameters
+        ----------
+        path : path
+        data : list of path, optional
+            Logs instead of the study's.
+        progress : callable, optional
+
+        Raises
+        ------
+        PycosimError
+        """
+        study = load_study(path)
+        self.take(study.with_data(data) if data else study, progress)
+
+    def take(self, study, progress=None):
+        """Work on a study from here on.
+
+        Parameters
+        ----------
+        study : Study
+        progress : callable, optional
+
+        Raises
+        ------
+        PycosimError
+            The study, or one of its logs, cannot be used; what was there before stays.
+        """
+        say = progress or (lambda text: None)
+        library = Library(study.modelica)
+        model = study.validate(library)
+        say("reading the logs")
+        dataset = Dataset(study, library, load(study))
+        say("fitting")
+        step = step_of(dataset, model, identify.fit(dataset, model))
+        say("done")
+        self.library, self.study, self.dataset, self.steps, self.found = library, study, dataset, [step], None
+
+    def header(self, path):
+        """Columns of a log.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        list of str
+
+        Raises
+        ------
+        PycosimError
+        """
+        return next(read_parts(Path(path), None, set(), "")[1]).header
+
+    def likely_rig(self, path):
+        """The rig whose needed and compared variables a log's columns name best.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        str
+            Modelica class.
+
+        Raises
+        ------
+        PycosimError
+        """
+        header, best = self.header(path), {}
+        for rig in rigs(self.library).values():
+            try:
+                model = compile_model(self.library, rig)
+                asked = [n for n, (_, role) in wanted(model).items() if role != "optional"]
+            except PycosimError:  # a rig that cannot be asked for joint torques
+                continue
+            named = {c.variable for c in suggest(header, model).values()}
+            best[rig] = sum(n in named for n in asked), -sum(n not in named for n in asked)
+        return max(best, key=best.get)
+
+    def suggested(self, path, rig):
+        """A study for a log that has none, by the names of its columns.
+
+        Parameters
+        ----------
+        path : path
+        rig : str
+            Modelica class.
+
+        Returns
+        -------
+        Study
+
+        Raises
+        ------
+        PycosimError
+        """
+        model = compile_model(self.library, rig)
+        columns = suggest(self.header(path), model)
+        free = {n: Setting(fixed=False) for n in first_parameters(model)}
+        return Study(self.folder / "study.toml", rig, parameters=free, runs=[Path(path).absolute()], columns=columns)
+
+    # ---- the loop
+
+    @property
+    def step(self):
+        """The model as it is now."""
+        if not self.steps:
+            raise Given("no data are read yet; open a study or map a log first")
+        return self.steps[-1]
+
+    def diagnose(self, progress=None):
+        """Rank the effects that the present model may lack.
+
+        Parameters
+        ----------
+        progress : callable, optional
+
+        Raises
+        ------
+        PycosimError
+        """
+        step = self.step
+        found = diagnose(self.dataset, step.model, step.fit, self.study.seed, progress)
+        if self.step is step:
+            self.found = found
+
+    def add(self, effect, place, progress=None):
+        """Refit with one more effect.
+
+        Parameters
+        ----------
+        effect, place : str
+        progress : callable, optional
+
+        Raises
+        ------
+        PycosimError
+            The effect is there already, or cannot be fitted.
+        """
+        say, step = progress or (lambda text: None), self.step
+        attached = [(e.id, p.name) for e, p in step.model.attached]
+        if (effect, place) in attached:
+            raise StudyError(f"'{effect}' at '{place}' is in the model already")
+        say(f"fitting {effect} at {place}")
+        model = compile_model(self.library, self.study.rig, [*attached, (effect, place)])
+        known = next((f for f in self.found.candidates if f.key == (effect, place)), None) if self.found else None
+        start = {**step.fit.parameters, **(known.start if known else {})}
+        fit = identify.fit(self.dataset, model, known.fit.parameters if known and known.fit
+                           else _nudged(start, model, known))
+        say("computing errors")
+        added = step_of(self.dataset, model, fit, known or Finding(effect, place))
+        say("done")
+        if self.step is step:
+            self.steps, self.found = [*self.steps, added], None
+
+    def undo(self):
+        """Take the last effect out again.
+
+        Raises
+        ------
+        Given
+            Nothing was added.
+        """
+        if len(self.steps) < 2:
+            raise Given("nothing was added yet, so nothing can be taken back")
+        self.steps, self.found = self.steps[:-1], None
+
+    def names(self):
+        """What the models so far are called, in order.
+
+        Returns
+        -------
+        list of str
+        """
+        return ["base model"] + [f"+ {s.added[0]} at {s.added[1]}" for s in self.steps[1:]]
+
+    def region(self, begin, end, step=None):
+        """What the error depends on within a stretch of time.
+
+        Parameters
+        ----------
+        begin, end : float
+            On the clock of the page [s].
+        step : Step, optional
+            The present one by default.
+
+        Returns
+        -------
+        dict
+            ``samples``, ``energy`` (share of the whole error's), and ``depends``: (variable, share of the region's
+            energy that bins of it take away, corrected for their number), most first.
+
+        Raises
+        ------
+        Given
+            Too few samples are in it.
+        """
+        step = step or self.step
+        residual, index, known = values.sampled(self.dataset, step.model, step.fit)
+        time = values.clock(self.dataset)[index]
+        inside = (time >= begin) & (time <= end)
+        n = int(inside.sum())
+        if n < FEW:
+            raise Given(f"only {n} moving samples are between {begin:.4g} and {end:.4g} s; choose a stretch with at "
+                        f"least {FEW}")
+        part = residual[:, inside]
+        all_of_it = np.ones(n, bool)
+        depends = []
+        for name, x in known.items():
+            if np.ptp(x[inside]) > 0:
+                share = values._share(x[inside], part, all_of_it) / len(part)
+                depends.append((name, max(0.0, 1 - (1 - share) * (n - 1) / (n - values.BINS))))
+        depends.sort(key=lambda d: -d[1])
+        return {"samples": n, "energy": float((part ** 2).sum() / (residual ** 2).sum()), "depends": depends}
+
+    # ---- results
+
+    def improved(self):
+        """The study with the effects and the values of the present model.
+
+        Returns
+        -------
+        Study
+        """
+        made = results.improved_study(self.study, self.step.model, self.step.fit)
+        return replace(made, path=self.folder / "study.toml")
+
+    def save(self):
+        """Write the study with everything that was added; the given one is never changed.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        PycosimError
+        """
+        path = self.folder / "study.toml"
+        if self.study is not None and path.resolve() == self.study.path.resolve() and path.exists():
+            raise Given(f"{path}: is the given study, which is never changed; start the app with --out DIR")
+        self.make()
+        return write_study(self.improved(), path)
+
+    def make(self):
+        """Make the folder.
+
+        Raises
+        ------
+        StudyError
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StudyError(f"{self.folder}: cannot be made ({error.strerror}); name another folder with --out "
+                             "DIR") from None
+
+    def export(self, fmi=2, progress=None):
+        """The present machine as an FMU.
+
+        Parameters
+        ----------
+        fmi : int
+        progress : callable, optional
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        PycosimError
+        """
+        say = progress or (lambda text: None)
+        study = self.improved()
+        model = study.validate(self.library)
+        self.make()
+        say("building the FMU")
+        with results.Folder(self.folder / "fmu", "export", None, ("export.json",)) as folder:
+            made = export(study, model, folder.temporary, "fmu", fmi)
+        say("done")
+        return self.folder / "fmu" / next(f for f in made.files if f.endswith(".fmu"))
