@@ -99,6 +99,15 @@ model = "{rig}"
 [parameters]
 {parameters}
 
+[limits]                          # what a planned experiment keeps to: pycosim plan study.toml
+"q_H" = {{ min = -0.35, max = 2.0 }}        # rad
+"q_K" = {{ min = -2.0, max = 0.1 }}
+"q_H + q_K" = {{ min = -1.2, max = 1.5 }}
+"motor1.w" = {{ max = 2.4 }}                # rad/s
+"motor2.w" = {{ max = 2.4 }}
+"motor1.a" = {{ max = 8.0 }}                # rad/s2
+"motor2.a" = {{ max = 8.0 }}
+
 [data]
 runs = ["run.csv"]
 reference = "gravity_model"       # C_H and C_K are what the leg asks for

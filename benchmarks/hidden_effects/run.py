@@ -92,7 +92,8 @@ def _found(result):
 
 def _base(fit, machine):
     """Truth, value and interval of each base parameter, for those fitted."""
-    return {n: [machine[n[4:]][n[1:3]], fit.parameters[n], *fit.interval(n)] for n in fit.free}
+    return {n: [machine[n[4:]][n[1:3]], fit.parameters[n], *fit.interval(n)] for n in fit.free
+            if n[4:] in machine and n[1:3] in rig.SEGMENTS}
 
 
 def true_error(data, given, library, hidden):
