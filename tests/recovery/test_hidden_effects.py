@@ -27,8 +27,8 @@ def test_a_hidden_effect_is_named_placed_and_sized(effect):
         assert len(row["steps"]) == 1, "a second effect was added"
 
 
-@pytest.mark.xfail(strict=True, reason="the samples that hold the jumps are below w_min, so that its size is wrong, and "
-                                       "what that leaves is taken for a second effect")
+@pytest.mark.xfail(strict=True, reason="the samples that hold the jumps are below w_min: its size is wrong, and what "
+                                       "that leaves is taken for a second effect")
 def test_a_hidden_delay_is_sized_and_alone():
     row = found("time_delay")
     assert sized(row) and len(row["steps"]) == 1
