@@ -731,10 +731,10 @@ def template(library, rig, runs, modelica=()):
     yield '# drop_outs = "skip"         # leave rows with missing numbers out, rather than refuse the log'
     yield f"# most = {MOST:_}            # a log with more rows is read as means of consecutive ones"
     yield "\n[columns]                    # left: the column in your log, right: what it is, and its unit there"
-    speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.flat.variables]
+    speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.variables]
     for name, role in [*((n, "needed") for n in known), *((n, "optional; else derived from the angle") for n in speeds),
                        *((n, "what the model is compared with") for n in wanted)]:
-        v = model.flat.variables[name]
+        v = model.variables[name]
         yield (f"{_toml(name)} = {{ variable = {_toml(name)}, unit = {_toml(v.unit)} }}"
                f"  # {v.description or name}; {role}")
     for line in _other_columns(known):

@@ -43,7 +43,7 @@ def unit_of(dataset, name):
         ``1`` for a number without unit.
     """
     kind, _, place = name.partition("@")
-    flat = dataset.base.flat.variables
+    flat = dataset.base.variables
     component = next((c for c, p in dataset.base.segments.items() if p == place), None)
     if kind in ("speed", "acceleration", "load"):
         unit = flat[f"{component}.{'L' if kind == 'load' else 'w'}"].unit

@@ -75,7 +75,7 @@ class _Builder:
 
     def input(self, name, like=None, description="", unit=None):
         """An input, described as the machine's variable of this name, or as another."""
-        known = self.model.flat.variables.get(like or name) or Variable(name)
+        known = self.model.variables.get(like or name) or Variable(name)
         return self._symbol(self.inputs, Variable(name, unit or known.unit, description or known.description))
 
     def parameter(self, name, value, unit, description, low=0.0, high=1e6):
@@ -94,7 +94,7 @@ class _Builder:
 
     def result(self, name, expression, like=None, description=""):
         """An output, described as the machine's variable of this name, or as another."""
-        known = self.model.flat.variables.get(like or name) or Variable(name)
+        known = self.model.variables.get(like or name) or Variable(name)
         self.outputs[name] = Variable(name, known.unit, description or known.description), expression
 
     # --- the machine ---
@@ -110,7 +110,7 @@ class _Builder:
         torques = self.model.alternatives("estimate")[0][0]
         of_motors = tuple(f"{m}." for m in self.motors)
         angles = [n for n in self.model.alternatives("simulate")[0][0]
-                  if self.model.flat.variables[n].unit == "rad" and not n.startswith(of_motors)]
+                  if self.model.variables[n].unit == "rad" and not n.startswith(of_motors)]
         if len(angles) != len(torques):
             raise StudyError(f"{self.model.rig}: its annotation names the joint torques {', '.join(torques)}, but the "
                              f"joint angles {', '.join(angles) or 'not at all'}; a controller needs one a torque")

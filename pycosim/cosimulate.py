@@ -227,7 +227,7 @@ class _Plant(_InProcess):
             self.x[d.states.index(d.start[n])] = value
         self.state = self.x, self.z, self.now, self.u, self.time, self.fresh
         self.inputs, self.known = d.inputs, [*d.states, *d.outputs, *d.inputs]
-        self.units = {n: v.unit for n, v in model.flat.variables.items()}
+        self.units = {n: v.unit for n, v in model.variables.items()}
         self.step, self.initial = _Buffered(d.step), _Buffered(d.initial)
 
     def prepare(self, inputs, outputs):
@@ -315,7 +315,7 @@ class _Motion(_Participant):
 
     def __init__(self, c, motion, model):
         self.rate, self.motion = float(c.rate), motion
-        flat = model.flat.variables
+        flat = model.variables
         self.units = {n: flat[n.removeprefix("ref.")].unit for n in motion.columns if n.removeprefix("ref.") in flat}
         self.known = [*motion.columns, "label"]
         self.labels = {"label": motion.labels}

@@ -29,6 +29,7 @@ PART = 0.8  # of what a free function of one variable explains, that an accepted
 PRESSED = 12.0  # variances that lifting a bound must win for its parameter not to absorb anything: 0.05 % by chance
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
 REFITS = 10
+PEAKS = 4  # of the scan over the angle that are tested again, with the noise as fitted
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -180,20 +181,30 @@ class Scores:
         white = [noise.whiten(np.concatenate([t.slope[c], t.residual[c][None]]), t.gaps)
                  for c, noise in enumerate(self.noise)]
         gram = sum(w @ w.T for w in white)
-        step = identify.invert(gram[:p, :p])[0] @ gram[:p, -1]
-        back = [noise.whiten_transposed(w[-1] - step @ w[:p], t.gaps) for w, noise in zip(white, self.noise)]
-        subs = _sub_blocks(self.pieces, len(t.time))
+        inverse = identify.invert(gram[:p, :p])[0]
+        step = inverse @ gram[:p, -1]
+        blocks = _sub_blocks(self.pieces, len(t.time))
+        drives = [noise.whiten_transposed(w[-1] - step @ w[:p], t.gaps) for w, noise in zip(white, self.noise)]
+        base = [[noise.whiten_transposed(w[k], t.gaps) for w, noise in zip(white, self.noise)] for k in range(p)]
+        own = np.array([np.bincount(blocks, sum(s[k] * d for s, d in zip(t.slope, drives)), blocks.max() + 1)
+                        for k in range(p)]).reshape(p, -1)
+        absorbed = inverse @ own
         for effect, place in t.scans:
             contribution = t.contribution(effect)
-            found = self._scan_place(contribution, place, back, subs)
+            found = self._scan_place(contribution, place, (drives, blocks), base, absorbed)
             if found is None:
                 continue
-            n_best, flips = found
+            peaks, flips = found
             self.scan_draws = np.maximum(self.scan_draws, flips)
-            self._add_cycles(contribution, place, n_best)
+            for cycles in peaks:
+                self._add_cycles(contribution, place, cycles)
 
-    def _scan_place(self, contribution, place, back, subs):
-        """Number of cycles that explains most, and the largest chance result of sign-flipped stretches."""
+    def _scan_place(self, contribution, place, residual, base, absorbed):
+        """Numbers of cycles that explain most, and the largest chance result of sign-flipped stretches.
+
+        Each stretch counts with what the base parameters absorb of it, so that flipped stretches vary as much as the
+        residual of a fit does.
+        """
         t = self.table
         frequency, quadrature = _periodic(contribution.effect)
         phis = {c: [t.port_signals(contribution.effect, c, k)["flange.phi"] for k in range(len(t.takes))]
@@ -202,30 +213,41 @@ class Scores:
         if turns < 0.05:
             return None
         cycles = np.arange(max(1.0 / turns, 0.05), CYCLES, 0.25 / turns)
-        sums = 0.0
+        raw, shared, whole = 0.0, 0.0, np.zeros(len(t.time), dtype=int)
         for component, angles in phis.items():
-            centres, counts = self._by_angle(component, angles, back, subs)
-            angles, n = np.tile(centres, 2 * len(cycles)), np.tile(np.repeat(cycles, len(centres)), 2)
+            centres, counts = self._by_angle(component, angles, *residual)
+            angles_of, n = np.tile(centres, 2 * len(cycles)), np.tile(np.repeat(cycles, len(centres)), 2)
             phase = np.repeat([0.0, np.pi / 2], len(centres) * len(cycles))
-            waves = contribution({"flange.phi": angles}, [], {frequency: n, quadrature: phase}, len(angles))[0, 0]
-            sums = sums + counts @ waves.reshape(-1, len(centres)).T
-        sine, cosine = sums[:, :len(cycles)], sums[:, len(cycles):]
+            waves = contribution({"flange.phi": angles_of}, [], {frequency: n, quadrature: phase}, len(angles_of))[0, 0]
+            waves = waves.reshape(-1, len(centres)).T
+            raw = raw + counts @ waves
+            if base:
+                shared = shared + np.concatenate([self._by_angle(component, angles, b, whole)[1] for b in base]) @ waves
+        sums = raw - absorbed.T @ shared if base else raw
+        seen = (sums ** 2).sum(0) > 1e-3 * (raw ** 2).sum(0)
+        seen = np.tile(seen[:len(cycles)] & seen[len(cycles):], 2)
+        sine, cosine = (sums * seen)[:, :len(cycles)], (sums * seen)[:, len(cycles):]
         value = _pair_statistic(sine.sum(0), cosine.sum(0), sine, cosine)
-        best = float(cycles[np.argmax(value)])
+        peaks = []
+        for k in np.argsort(-value):
+            if all(abs(cycles[k] - n) > 1 / turns for n in peaks):
+                peaks.append(float(cycles[k]))
+            if len(peaks) == PEAKS:
+                break
         signs = self.rng.choice([-1.0, 1.0], (self.draws, len(sums)))
         flipped = _pair_statistic(signs @ sine, signs @ cosine, sine, cosine).max(axis=1)
-        return best, flipped / 2
+        return peaks, flipped / 2
 
-    def _by_angle(self, component, angles, back, subs):
+    def _by_angle(self, component, angles, drives, blocks):
         """Score of a torque at each small step of the angle, stretch by stretch."""
         t = self.table
         probe = t.probes.index(f"probe_{component}.dtau")
         low, width = min(a.min() for a in angles), 2 * np.pi / (16 * CYCLES)
         bins = int((max(a.max() for a in angles) - low) / width) + 1
-        counts = np.zeros((subs.max() + 1) * bins)
+        counts = np.zeros((blocks.max() + 1) * bins)
         for phi, response in zip(angles, t.responses):
-            drive = sum(response[c, probe] * b for c, b in enumerate(back))
-            cell = subs * bins + np.minimum(((phi - low) / width).astype(int), bins - 1)
+            drive = sum(response[c, probe] * d for c, d in enumerate(drives))
+            cell = blocks * bins + np.minimum(((phi - low) / width).astype(int), bins - 1)
             counts += np.bincount(cell, drive, len(counts))
         return low + (np.arange(bins) + 0.5) * width, counts.reshape(-1, bins)
 

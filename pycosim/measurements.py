@@ -149,6 +149,9 @@ def require(log, names):
         if column is None:
             raise DataError(f"{log.path}: '{name}' is needed, and no column of the study holds it; "
                             f'add [columns] "<column>" = {{ variable = "{name}", unit = ".." }}')
+        if column == name:
+            raise DataError(f"{log.path}: no column '{name}'{closest(name, log.header)}; "
+                            "[columns] names the column that holds this variable")
         raise DataError(f"{log.path}: no column '{column}', which holds '{name}'{closest(column, log.header)}")
 
 

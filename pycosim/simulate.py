@@ -299,7 +299,7 @@ def _answer(model, name, form, signals, time, parameters):
     values = _parameters(model, parameters)
     strange = set(signals) - set(question.inputs) - set(question.outputs)
     if strange:
-        _check(sorted(strange), [*question.inputs, *model.flat.variables], f"variable of {model.rig}")
+        _check(sorted(strange), [*question.inputs, *model.variables], f"variable of {model.rig}")
     if question.late:
         row = {n: _row(n, signals[n], len(time)) for n in question.late if n in signals}
         signals = {**signals, **undo(question, row, time, np.zeros(len(time)), values)} if row else signals

@@ -216,7 +216,7 @@ class Study:
         for name, setting in self.parameters.items():
             _check_parameter(self, name, setting, model.parameters)
         read = {n: unit for effect in catalogue(library).values() for n, unit in effect.measured.items()}
-        known = {**read, **LOG_VARIABLES, **{n: v.unit for n, v in model.flat.variables.items()}}
+        known = {**read, **LOG_VARIABLES, **{n: v.unit for n, v in model.variables.items()}}
         for name, column in self.columns.items():
             _check_column(self, name, column, known)
         return model

@@ -59,7 +59,7 @@ class _Kinematics:
     def __init__(self, model, values):
         self.model, d = model, dynamics(model)
         self.motors = [f"{m}.phi" for m in model.components("signal")]
-        names = [n for n in model.alternatives("simulate")[0][0] if model.flat.variables[n].unit == "rad"]
+        names = [n for n in model.alternatives("simulate")[0][0] if model.variables[n].unit == "rad"]
         self.joints = [n for n in names if n not in self.motors]
         free = [d.states.index(d.start[n]) for n in self.joints if n in d.start]
         if len(free) != len(self.joints) or not self.motors:

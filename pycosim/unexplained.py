@@ -211,7 +211,7 @@ def _readable(table, name, values, few):
     kind = name.partition("@")[0]
     if kind in ports:
         return "", ports[kind]
-    rig = {n: table.full[n][few] for n in table.full if "." not in n and n in table.model.flat.variables
+    rig = {n: table.full[n][few] for n in table.full if "." not in n and n in table.model.variables
            and isinstance(table.full[n], np.ndarray) and n != name}
     if not rig or unit_of(table.dataset, name) != "rad":
         return None
@@ -220,7 +220,7 @@ def _readable(table, name, values, few):
     if np.std(values - factor @ columns) > 1e-3 * np.std(values):
         return None
     used = {n: f for n, f in zip(rig, factor) if abs(f) * np.std(rig[n]) > 1e-3 * np.std(values)}
-    declared = "".join(f'  input Real {n}(unit="{table.model.flat.variables[n].unit}");\n' for n in used)
+    declared = "".join(f'  input Real {n}(unit="{table.model.variables[n].unit}");\n' for n in used)
     return declared, " + ".join([*(f"({f:.6g}) * {n}" for n, f in used.items()), f"({factor[-1]:.6g})"])
 
 

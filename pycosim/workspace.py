@@ -92,7 +92,7 @@ def kinematics(model, values=None):
     given = {**{n: v.value for n, v in model.parameters.items()}, **(values or {})}
     encoders = {v.partition(":")[0] for v in model.aliases("encoders").values()}
     joints = [n for n in question.outputs if "." not in n and n not in encoders
-              and model.flat.variables[n].unit == "rad"]
+              and model.variables[n].unit == "rad"]
     segments = list(model.segments)
     u, x, p = question.symbols()
     rows = question.select([*joints, *[f"{c}.w" for c in segments]]).output(u, x, p)
@@ -204,7 +204,7 @@ def limits_of(study, model, kin):
     """
     found = dict(study.limits)
     for name in kin.joints:
-        v = model.flat.variables[name]
+        v = model.variables[name]
         if name not in found and (math.isfinite(v.min) or math.isfinite(v.max)):
             found[name] = (v.min, v.max)
     sizes = {r: np.full(len(kin.motors), math.inf) for r in _RATES}

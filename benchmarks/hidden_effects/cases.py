@@ -32,7 +32,8 @@ class Case:
 
     Parameters
     ----------
-    kind : {"one", "weak", "pair", "none", "outside"}
+    kind : {"one", "weak", "pair", "none", "outside", "paper"}
+        The last is the paper's machine with nothing hidden, of which only the fit is asked for.
     effects : tuple of str
         Identifiers of the hidden effects.
     seed : int
@@ -87,7 +88,8 @@ def all_cases(count=1.0, first=0):
     found += [Case("one", (e,), s) for e in CATALOGUE for s in seeds(12)]
     found += [Case("weak", (e,), s) for e in CATALOGUE for s in seeds(4)]
     found += [Case("outside", (e,), s) for e in rig.OUTSIDE_CATALOGUE for s in seeds(14)]
-    return found + [Case("pair", pair(s), s) for s in seeds(42)]
+    found += [Case("pair", pair(s), s) for s in seeds(42)]
+    return found + [Case("paper", (), s) for s in seeds(200)]
 
 
 def pair(seed):
@@ -114,7 +116,7 @@ def draw(case):
     Drawn
     """
     rng = np.random.default_rng([case.seed, *(sum(map(ord, e)) for e in case.effects)])
-    machine = rig.random_machine(rng)
+    machine = rig.PAPER if case.kind == "paper" else rig.random_machine(rng)
     if "load_dependence" in case.effects:
         machine = rig.without_load_dependence(machine)
     noise = rig.Noise(white=_log_uniform(rng, 3e-3, 9e-3), slow=_log_uniform(rng, 1e-3, 4e-3),

@@ -1,7 +1,7 @@
 """Hide effects in logs of the independent machine, improve each, and print how often the diagnosis is right.
 
     python -m benchmarks.hidden_effects.run [--half development|final] [--share 1.0] [--out cases.jsonl]
-                                            [--kinds one weak pair none outside] [--effects viscous ...]
+                                            [--kinds one weak pair none outside paper] [--effects viscous ...]
 
 Cases that the output file already holds are not run again. `python -m benchmarks.hidden_effects.summary cases.jsonl`
 prints the tables and draws the confusion matrix.
@@ -35,7 +35,7 @@ def run(case):
     dict
         A row of the table.
     """
-    from pycosim import improve
+    from pycosim import identify, improve
     from pycosim.compile import Library
     from pycosim.dataset import Dataset
     from pycosim.study import load_study
@@ -49,6 +49,8 @@ def run(case):
         path = Path(folder) / "run.csv"
         rig.write_csv(cases.log(drawn, case.seed), path)
         data = Dataset(given.with_data([path]), library)
+    if case.kind == "paper":
+        return {**row, "base": _base(identify.fit(data, data.base), drawn.machine)}
     start = time.perf_counter()
     result = improve.improve(data)
     row |= {"seconds": time.perf_counter() - start, "samples": len(data.time), "sizes": drawn.sizes,

@@ -28,7 +28,7 @@ def wanted(model):
         Unit, and what it is for: ``needed``, ``compared``, ``optional``.
     """
     outputs, known = model.alternatives("estimate")[0]
-    flat = model.flat.variables
+    flat = model.variables
     found = {n: (flat[n].unit, "needed") for n in known if n in flat}
     found.update({n: (flat[n].unit, "compared") for n in outputs})
     speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi")]

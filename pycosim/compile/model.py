@@ -181,10 +181,21 @@ class Model:
     @cached_property
     def parameters(self):
         """Parameters by name, with defaults, units and bounds."""
-        text = cache.remember(
-            "parameters", self.key,
-            lambda: json.dumps({n: asdict(v) for n, v in self.flat.parameters.items()}), str.encode, bytes.decode)
-        return {n: Variable(**v) for n, v in json.loads(text).items()}
+        return self._declared["parameters"]
+
+    @cached_property
+    def variables(self):
+        """Variables by name, with units and bounds; parameters are not among them."""
+        return self._declared["variables"]
+
+    @cached_property
+    def _declared(self):
+        """What the flattened model declares, kept on disk: most questions are answered without flattening."""
+        def make():
+            return json.dumps({kind: {n: asdict(v) for n, v in getattr(self.flat, kind).items()}
+                               for kind in ("parameters", "variables")})
+        text = cache.remember("declared", self.key, make, str.encode, bytes.decode)
+        return {kind: {n: Variable(**v) for n, v in known.items()} for kind, known in json.loads(text).items()}
 
     @cached_property
     def segments(self):

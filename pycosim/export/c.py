@@ -80,7 +80,7 @@ class _Part:
     """A question: its answer for one sample, and its friction states after it."""
 
     def __init__(self, name, question, model):
-        self.name, self.variables = name, {**model.flat.variables, **model.parameters, **question.variables}
+        self.name, self.variables = name, {**model.variables, **model.parameters, **question.variables}
         self.vectors = {"input": question.inputs, "state": question.states, "output": question.outputs}
         u, x, p = question.symbols()
         everything, h = ca.SX.sym("p", len(model.parameters)), ca.SX.sym("h")
@@ -106,7 +106,7 @@ class _Simulation:
     """The motion: a start that fits, one step, and what follows from both."""
 
     def __init__(self, name, model, d):
-        self.name, self.variables = name, {**model.flat.variables, **model.parameters}
+        self.name, self.variables = name, {**model.variables, **model.parameters}
         self.vectors = {"input": d.inputs, "state": d.states, "algebraic": d.algebraic, "output": d.outputs}
         self.functions = [with_parameters(d, d.initial, f"start_{name}"), with_parameters(d, d.step, f"step_{name}"),
                           _named(f"output_{name}", d.output)]

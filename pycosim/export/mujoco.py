@@ -131,7 +131,7 @@ class _Machine:
         self.angles = ca.vertcat(*[self.all[k.angle] for k in self.links])
         self.by_angle = self._slope(self.angles, self.x)
         self.by_speed = self._slope(self.by_angle @ self.rates, self.x)
-        moving = [n for n in self.d.states if (self.model.flat.variables[n].min, self.model.flat.variables[n].max)
+        moving = [n for n in self.d.states if (self.model.variables[n].min, self.model.variables[n].max)
                   != (-1, 1)]
         both = np.vstack([self.by_angle, self.by_speed])
         if np.linalg.matrix_rank(both) != len(moving) or len(both) != len(moving):

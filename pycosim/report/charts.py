@@ -430,6 +430,39 @@ def _map(dataset, channel, c, plane, each, half, names):
                  f"{channel} over {words}")
 
 
+def unexplained(dataset, left):
+    """Where a residual that no effect explains lives: its mean over two variables, and how much of its energy.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    left : dict
+        Of `pycosim.unexplained.unexplained`.
+
+    Returns
+    -------
+    Chart or None
+        None where only one variable is known to matter.
+    """
+    found = left["map"]
+    if found is None:
+        return None
+    centre = [(np.asarray(found[f"{a}_edges"])[1:] + np.asarray(found[f"{a}_edges"])[:-1]) / 2 for a in "xy"]
+    mean, share = np.asarray(found["mean"], dtype=float), 100 * np.asarray(found["energy"], dtype=float)
+    top, unit = float(np.nanmax(np.abs(mean))), unit_of(dataset, left["channel"])
+    trace = {"type": "heatmap", "x": centre[0].tolist(), "y": centre[1].tolist(), "z": mean.tolist(), "zmin": -top,
+             "zmax": top, "colorscale": "RdBu", "name": "residual",
+             "colorbar": {"title": {"text": f"mean [{unit}]"}}, "text": values.signed_shares(mean, share),
+             "texttemplate": "%{text}", "customdata": share.tolist(), "hovertemplate":
+             "%{x:.3g}, %{y:.3g}<br>mean %{z:.3g}<br>%{customdata:.1f} % of the energy<extra></extra>"}
+    layout = {"height": 400, "xaxis": axis(label(dataset, found["x"]), showgrid=False),
+              "yaxis": axis(label(dataset, found["y"]), showgrid=False)}
+    words = f"{worded(found['x'])} and {worded(found['y'])}"
+    caption = (f"Mean of what is left of {channel_name(left['channel'])} over {words}; numbers in the cells: share of "
+               "its energy in percent, with the sign of the mean.")
+    return Chart("unexplained", "What no effect explains", caption, [trace], layout)
+
+
 def profiles(dataset, models, names=NAMES):
     """Mean and spread of the residual over angles, time since reversal, temperature and time, of each model.
 

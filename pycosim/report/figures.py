@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from ..compare import branches, unit_of, worded
 from ..dependence import explanations, noise_floor
 from .values import (_quiet, _share, binned, envelope, half_energy, ideal, interval_rows, outputs, passes, planes,
-                     residual_map, residual_of, signature_values)
+                     residual_map, residual_of, signature_values, signed_shares)
 
 COLUMN, PAGE = 3.46, 7.1  # width of a column and of a page [inch]
 # Hues of Okabe and Ito, safe for colour-blind readers; the blue darker than theirs, to differ from the red in print
@@ -315,7 +315,7 @@ def _speeds(axes, dataset, window):
         axes.plot(*envelope(dataset.time[window], values), color=("black", GREY)[k % 2], ls=LINES[k],
                   label=text)
     component = next(iter(dataset.base.segments))
-    axes.set_ylabel(f"Speed [{_pretty(dataset.base.flat.variables[f'{component}.w'].unit)}]")
+    axes.set_ylabel(f"Speed [{_pretty(dataset.base.variables[f'{component}.w'].unit)}]")
 
 
 def _fitted(panels, dataset, channel, window, shown, lossless):
@@ -691,6 +691,45 @@ def maps(dataset, model, fit, channel=None):
 
 
 @_styled
+def unexplained(dataset, left):
+    """Where a residual that no effect explains lives: its mean over two variables.
+
+    Numbers: share of its energy in percent with the sign of the mean, where it is 2 and more.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    left : dict
+        Of `pycosim.unexplained.unexplained`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure or None
+        None where only one variable is known to matter.
+    """
+    found = left["map"]
+    if found is None:
+        return None
+    mean, share = np.asarray(found["mean"], dtype=float), 100 * np.asarray(found["energy"], dtype=float)
+    edges = [np.asarray(found[f"{a}_edges"]) for a in "xy"]
+    top = np.nanmax(np.abs(mean))
+    figure = Figure(figsize=(COLUMN, 2.7))
+    axes = figure.add_subplot()
+    mesh = axes.pcolormesh(*edges, np.ma.masked_invalid(mean), cmap="RdBu", vmin=-top, vmax=top)
+    middle = [(e[1:] + e[:-1]) / 2 for e in edges]
+    for row, line in enumerate(signed_shares(mean, share)):
+        for column, text in enumerate(line):
+            axes.text(middle[0][column], middle[1][row], text, ha="center", va="center", fontsize=5,
+                      color="black" if abs(np.nan_to_num(mean[row, column])) < 0.6 * top else "white")
+    channel = left["channel"]
+    figure.colorbar(mesh, ax=axes, label=f"Mean residual of {_symbol(dataset, channel)} "
+                                         f"[{_pretty(unit_of(dataset, channel))}]")
+    axes.set_xlabel(_capital(label(dataset, found["x"])))
+    axes.set_ylabel(_capital(label(dataset, found["y"])))
+    return figure
+
+
+@_styled
 def intervals(parameters):
     """Fitted parameters with their 95 % intervals, over the larger end of the interval.
 
@@ -779,6 +818,9 @@ def write_figures(folder, dataset, improvement):
     more = len(improvement.steps) > 1
     write_comparison(folder, dataset, base.model, base.fit, (last.model, last.fit) if more else None)
     folder = folder / "figures"
+    left = unexplained(dataset, improvement.last.unexplained) if improvement.last.unexplained else None
+    if left is not None:
+        save(left, folder, "unexplained")
     save(candidates(improvement.first), folder, "candidates")
     save(ladder(improvement, dataset), folder, "ladder")
     if more:

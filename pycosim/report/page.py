@@ -154,7 +154,9 @@ class Page:
                  "accepted" if c["accepted"] else "refitted" if c["refitted"] else "scored")
                 for c in self.first["candidates"]]
         table = _table("Candidates, best first", ("effect", "place", "p, family-wise", "predicted error", ""), rows)
-        return {"lines": lines, "cards": cards, "rest": table}
+        left = self.found.last.unexplained
+        chart = self._keep(charts.unexplained(self.dataset, left)) if left else None
+        return {"lines": lines, "map": chart, "cards": cards, "rest": table}
 
     def _rivals(self, shown):
         """Candidates worth a card although they were not added: all twins, and each effect at its best place."""
@@ -261,6 +263,10 @@ class Page:
                 names = ", ".join(f"{t['effect']} at {t['place']}" for t in c["twins"])
                 lines += [f"To tell {c['effect']} at {c['place']} from {names}: {experiment}."] if experiment else []
         lines += results.summary_undetectable(self.last["undetectable"])
+        study = self.dataset.study
+        lines.append(f"'pycosim plan {study.path.name}' turns this into a motion of the motors: one that narrows the "
+                     "intervals, or tells the effects above apart"
+                     + ("." if study.limits else ", once a [limits] table in the study says what may move how far."))
         smallest = self.last.get("smallest_detectable") or []
         rows = [(e["effect"], e["place"], f"{e['coefficient']} = {number(e['value'])} {e['unit']}",
                  f"{100 * e['error_share']:.2g}") for e in smallest if e.get("value") is not None]

@@ -5,6 +5,7 @@ What is drawn twice, on paper and in a browser, is computed here once.
 
 from __future__ import annotations
 
+import math
 from contextlib import contextmanager
 from functools import wraps
 
@@ -416,6 +417,24 @@ def residual_map(x, y, residual):
         energy = np.where(count > 0, squares / squares.sum(1, keepdims=True), np.nan)
     return {"x": x_edges, "y": y_edges, "samples": (count / len(x)).reshape(shape),
             "rmse": rmse.reshape(-1, *shape), "energy": energy.reshape(-1, *shape)}
+
+
+def signed_shares(mean, share, least=2.0):
+    """Labels of the cells of a map: the share of the energy, with the sign of the mean; empty for small shares.
+
+    Parameters
+    ----------
+    mean, share : ndarray, shape (rows, columns)
+        The share in percent.
+    least : float
+        Smallest share that is told [%].
+
+    Returns
+    -------
+    list of list of str
+    """
+    return [[f"{math.copysign(s, m):+.0f}" if s >= least else "" for m, s in zip(*row)]
+            for row in zip(mean, share)]
 
 
 def half_energy(energy, samples):
