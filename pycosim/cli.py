@@ -712,7 +712,7 @@ def template(library, rig, runs, modelica=()):
     wanted, known = model.alternatives("estimate")[0]
     question = model.question("estimate")
     yield f"# {library.find(rig).comment.strip(chr(34))}" if library.find(rig).comment else f"# {rig}"
-    yield f"# Next: pycosim improve {rig.rsplit('.', 1)[-1]}.toml --data my_log.csv"
+    yield f"# Next: pycosim improve {rig.rsplit('.', 1)[-1]}.toml{'' if runs else ' --data my_log.csv'}"
     yield f"\n[rig]\nmodel = {_toml(rig)}"
     if modelica:
         yield f"modelica = {_toml(list(modelica))}"
@@ -866,7 +866,8 @@ def run_verb(arguments, progress):
         if arguments.json:
             from .results import to_json
             return to_json({"schema": 1, "study": str(path)})
-        return f"Written: {path}. Say which columns your log has, then: pycosim improve {path} --data my_log.csv\n"
+        data = "" if arguments.data else " --data my_log.csv"
+        return f"Written: {path}. Say which columns your log has, then: pycosim improve {path}{data}\n"
     if arguments.verb == "demo":
         out = _demo(arguments, progress)
         return (out / VERBS["demo"][1]).read_text(encoding="utf-8") if arguments.json else ""

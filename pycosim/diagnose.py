@@ -27,6 +27,7 @@ LEVEL = 0.01
 DRAWS = 1999
 PART = 0.8  # of what a free function of one variable explains, that an accepted effect must explain
 PRESSED = 12.0  # variances that lifting a bound must win for its parameter not to absorb anything: 0.05 % by chance
+LARGEST = 50e6  # bytes of derivatives that rivals are compared by: a longer log is thinned
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
 REFITS = 10
 PEAKS = 4  # of the scan over the angle that are tested again, with the noise as fitted
@@ -565,7 +566,7 @@ def select(dataset, model, fit, noise, usual=None):
     Selection
     """
     problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
-    thin = max(1, int(problem.n * (len(fit.free) + 1) * len(noise) * 8 / 200e6))
+    thin = max(1, int(problem.n * (len(fit.free) + 1) * len(noise) * 8 / LARGEST))
     sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
     level = dataset.noise_level(model, fit.parameters)[:, ::thin]
     usual = np.median(level, axis=1, keepdims=True) if usual is None else usual
@@ -677,9 +678,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     table = Table(dataset, model, fit)
     scores = Scores(table, seed)
     findings = _findings(table, scores)
-    say("refitting the most likely")
     base = select(dataset, model, fit, scores.single)
-    rivals = _refit_best(dataset, model, fit, scores, findings, base.usual, table)
+    rivals = _refit_best(dataset, model, fit, scores, findings, base.usual, table, say)
     depends, alarm = dependence(dataset, model, fit, seed)
     shape = PART * depends[0]["strength"] if depends else 0.0
     _decide(findings, rivals, base, {e.id: e.refines for e in catalogue(dataset.library).values()}, shape)
@@ -731,19 +731,24 @@ def _start(candidate, coefficients):
     return {f"{base}.{n}": v for n, v in values.items()}
 
 
-def _refit_best(dataset, model, fit, scores, findings, usual, table):
+def _refit_best(dataset, model, fit, scores, findings, usual, table, say):
     """Fit the model with each of the best candidates; fills the findings and returns those that were fitted.
 
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
     are fitted as well, however low they rank.
     """
+    def refitted(some):
+        for k, f in enumerate(some, 1):
+            say(f"refitting with {f.effect} at {f.place}, {k} of {len(some)}")
+            if _refit(dataset, model, fit, scores, f, usual, table):
+                yield f
+
     likely = [f for f in findings if f.p_value < 10 * LEVEL]
-    fitted = [f for f in likely[:REFITS] if _refit(dataset, model, fit, scores, f, usual, table)]
+    fitted = list(refitted(likely[:REFITS]))
     if fitted:
         best = min(fitted, key=lambda f: f.selection.white.sum())
         effects = {f.effect for f in fitted if _twins(f, best)}
-        fitted += [f for f in likely[REFITS:] if f.effect in effects
-                   and _refit(dataset, model, fit, scores, f, usual, table)]
+        fitted += refitted([f for f in likely[REFITS:] if f.effect in effects])
     return fitted
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from . import compare, identify
 from .compile import compile_model
@@ -71,7 +71,10 @@ def step_of(dataset, model, fit, finding=None):
 
 
 def improve(dataset, model=None, seed=0, progress=None):
-    """Diagnose, add, refit, until no effect is accepted; then take out what later effects made superfluous.
+    """Diagnose, add, refit, until no effect is accepted; then look at each effect again beside those found after it.
+
+    An effect that was chosen while another was missing may stand in for it: it is chosen again with the others in the
+    model, and taken out where they make it superfluous.
 
     Parameters
     ----------
@@ -90,14 +93,13 @@ def improve(dataset, model=None, seed=0, progress=None):
     say("fitting the base model")
     steps = [step_of(dataset, model, identify.fit(dataset, model))]
     first = last = diagnose(dataset, model, steps[0].fit, seed, progress)
-    while last.winner is not None and len(steps) <= MOST:
-        winner = last.winner
-        say(f"adding {winner.effect} at {winner.place}")
-        attached = [(e.id, p.name) for e, p in steps[-1].model.attached]
-        model = compile_model(dataset.library, model.rig, [*attached, winner.key])
-        steps.append(step_of(dataset, model, winner.fit, winner))
-        winner.held_out_error = steps[-1].held_out_error
-        last = diagnose(dataset, model, winner.fit, seed + len(steps), progress)
+    for again in range(MOST):
+        last = _grow(dataset, steps, last, seed, progress)
+        revised = _revised(dataset, steps, last.noise, seed, progress)
+        if revised is None:
+            break
+        steps = revised
+        last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 50 + again, progress)
     pruned = _prune(dataset, steps, last.noise)
     if len(pruned) < len(steps):
         steps = pruned
@@ -105,30 +107,74 @@ def improve(dataset, model=None, seed=0, progress=None):
     return Improvement(first, last, steps)
 
 
+def _grow(dataset, steps, last, seed, progress):
+    """Add what the diagnosis accepts, step by step; returns the diagnosis that accepts nothing."""
+    while last.winner is not None and len(steps) <= MOST:
+        winner, before = last.winner, steps[-1].model
+        if progress:
+            progress(f"adding {winner.effect} at {winner.place}")
+        model = compile_model(dataset.library, before.rig, [*_attached(before), winner.key])
+        steps.append(step_of(dataset, model, winner.fit, winner))
+        winner.held_out_error = steps[-1].held_out_error
+        last = diagnose(dataset, model, winner.fit, seed + len(steps), progress)
+    return last
+
+
+def _attached(model):
+    return [(e.id, p.name) for e, p in model.attached]
+
+
+def _revised(dataset, steps, noise, seed, progress):
+    """The ladder with an effect chosen again beside the others, where that predicts unseen folds better; or None.
+
+    The last effect was chosen with all others in the model.
+    """
+    base, full = steps[0].model, None
+    for out in steps[1:-1]:
+        rest = [s for s in steps[1:] if s is not out]
+        keys = [*_attached(base), *(s.added for s in rest)]
+        model = compile_model(dataset.library, base.rig, keys)
+        fit = identify.fit(dataset, model, steps[-1].fit.parameters)
+        found = diagnose(dataset, model, fit, seed, progress).winner
+        if found is None or out.added in [found.key, *((t["effect"], t["place"]) for t in found.twins)]:
+            continue
+        larger = compile_model(dataset.library, base.rig, [*keys, found.key])
+        full = full or select(dataset, steps[-1].model, steps[-1].fit, noise)
+        other = select(dataset, larger, found.fit, noise, full.usual)
+        if difference(full.white, other.white)[0] > 0:
+            return _ladder(dataset, steps[0], [*rest, Step(found.key, larger, found.fit, {}, {}, found)])
+    return None
+
+
 def _prune(dataset, steps, noise):
     """Leave out, one after the other, effects whose absence does not raise the selection error beyond its own error."""
-    given, rig = [(e.id, p.name) for e, p in steps[0].model.attached], steps[0].model.rig
-    full = None
+    base, full = steps[0].model, None
     while len(steps) > 2:
         full = full or select(dataset, steps[-1].model, steps[-1].fit, noise)
         for out in steps[1:-1]:
             rest = [s for s in steps[1:] if s is not out]
-            model = compile_model(dataset.library, rig, [*given, *(s.added for s in rest)])
+            model = compile_model(dataset.library, base.rig, [*_attached(base), *(s.added for s in rest)])
             fit = identify.fit(dataset, model, steps[-1].fit.parameters)
             left = select(dataset, model, fit, noise, full.usual)
             rise, spread = difference(left.raw, full.raw)
             if rise <= spread:
-                steps, full = _ladder(dataset, steps[0], rig, given, rest), left
+                steps, full = _ladder(dataset, steps[0], rest), left
                 break
         else:
             break
     return steps
 
 
-def _ladder(dataset, base, rig, given, chosen):
-    """The steps of a ladder that adds the effects of these steps in this order."""
-    steps = [base]
-    for k, step in enumerate(chosen):
-        model = compile_model(dataset.library, rig, [*given, *(s.added for s in chosen[:k + 1])])
-        steps.append(step_of(dataset, model, identify.fit(dataset, model, steps[-1].fit.parameters), step.finding))
+def _ladder(dataset, base, chosen):
+    """The steps of a ladder that adds the effects of these steps in this order.
+
+    What a diagnosis predicted holds beside the effects that were in its model, no longer beside others.
+    """
+    steps, given = [base], _attached(base.model)
+    for step in chosen:
+        keys = [*given, *(s.added for s in steps[1:]), step.added]
+        model = compile_model(dataset.library, base.model.rig, keys)
+        same = _attached(step.model) == keys
+        finding = step.finding if same else replace(step.finding, predicted_error={})
+        steps.append(step_of(dataset, model, identify.fit(dataset, model, steps[-1].fit.parameters), finding))
     return steps

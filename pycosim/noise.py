@@ -121,7 +121,7 @@ class Noise:
         return self.white ** 2 * plain + self.slow ** 2 * (half + half.T - plain)
 
     def _filter(self, gaps):
-        return _gains(np.exp(-gaps / self.memory), gaps, self.slow ** 2, self.white ** 2)
+        return _gains(np.exp(-gaps / self.memory), self.slow ** 2, self.white ** 2)
 
 
 def _recursion(factor, drive):
@@ -138,29 +138,32 @@ def _innovations(rows, own, from_before, spread):
     return (rows - _recursion(own, drive)) / spread
 
 
-def _gains(kept, gaps, slow, white):
+def _gains(kept, slow, white):
     """Filter of a state of variance ``slow`` seen in white noise.
 
     Returns what the prediction of a sample takes from the prediction before it, what from the sample before it, and the
-    spread of the innovations. It settles where samples are regular, until the next gap.
+    spread of the innovations. The variance after a sample is a fractional-linear function of that after the sample
+    before; such functions compose as matrices, here by doubling, until the first sample is forgotten. No entry is
+    negative, so that nothing cancels.
     """
-    n = len(kept)
-    gain, variance = np.empty(n), np.empty(n)
-    edges = [*np.flatnonzero(np.r_[True, np.abs(np.diff(gaps)) > 0]).tolist(), n]
-    values, after = kept.tolist(), 0.0
-    for begin, end in zip(edges[:-1], edges[1:]):
-        memory, before = values[begin] ** 2, math.inf
-        for k in range(begin, end):
-            ahead = slow + memory * (after - slow)
-            variance[k] = total = ahead + white
-            gain[k] = share = ahead / total
-            after = ahead * (1 - share)
-            if abs(ahead - before) < 1e-9 * slow:
-                gain[k:end], variance[k:end] = share, total
-                break
-            before = ahead
+    decay = kept ** 2
+    fresh = slow * (1 - decay)
+    top, bottom = [white * decay, white * fresh], [decay, fresh + white]
+    shift = 1
+    while shift < len(kept):
+        now = [v[shift:] for v in (*top, *bottom)]
+        before = [v[:-shift] for v in (*top, *bottom)]
+        joined = [now[i] * before[k] + now[i + 1] * before[k + 2] for i in (0, 2) for k in (0, 1)]
+        size = joined[3]  # of a matrix only its direction counts
+        joined = [np.concatenate([v[:shift], j / size]) for v, j in zip((*top, *bottom), joined)]
+        top, bottom, shift = joined[:2], joined[2:], 2 * shift
+        if np.max(np.abs(top[0] * bottom[1] - top[1] * bottom[0]) / bottom[1] ** 2) < 1e-12 * min(slow / white, 1.0):
+            break
+    after = np.r_[0.0, (top[1] / bottom[1])[:-1]]
+    ahead = slow + decay * (after - slow)
+    gain = ahead / (ahead + white)
     last = np.r_[0.0, gain[:-1]]
-    return kept * (1 - last), kept * last, np.sqrt(variance)
+    return kept * (1 - last), kept * last, np.sqrt(ahead + white)
 
 
 def chained(time, group, linked):
@@ -281,7 +284,7 @@ class _Means:
         mean = (1 - phi ** d) / (d * (1 - phi))
         own = ratio * (1 + 2 * phi / (1 - phi) * (1 - mean)) / d  # variance of a mean of the slow part
         shared = ratio * mean ** 2 * phi ** (1 - d)  # of which goes on to the next, times phi^d
-        filtered = _gains(np.exp(-self.gaps / memory), self.gaps, d * shared, 1 + d * (own - shared))
+        filtered = _gains(np.exp(-self.gaps / memory), d * shared, 1 + d * (own - shared))
         white = _innovations(self.rows, *filtered)
         spread = filtered[2]
         a, b = white[:-1] @ white[:-1].T, white[:-1] @ white[-1]

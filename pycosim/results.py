@@ -490,6 +490,10 @@ def summary_improvement(first, last, ladder, parameters, library=None):
              + (f"; held-out {errors_text(steps[0]['held_out_error'])}" if steps[0]["held_out_error"] else "") + "."]
     for before, step in zip(steps, steps[1:]):
         lines += _step(before, step, first, parameters, library)
+    best, added = first["candidates"][0], [(s["added"]["effect"], s["added"]["place"]) for s in steps[1:]]
+    if best["accepted"] and (best["effect"], best["place"]) not in added:
+        lines.append(f"{best['effect']} at {best['place']} was found first, in place of these, and is not needed "
+                     "beside them.")
     if len(steps) > 2:
         lines.append(f"In all: error {_change(steps[0]['error'], steps[-1]['error'])}; "
                      f"held-out {_change(steps[0]['held_out_error'], steps[-1]['held_out_error'])}.")
@@ -504,9 +508,10 @@ def _step(before, step, first, parameters, library):
     numbers = ", ".join(_coefficient(n[len(base) + 1:], p) for n, p in parameters["parameters"].items()
                         if n.startswith(f"{base}."))
     sure = f" (p = {number(found['p_value'])} family-wise)" if found else ""
-    lines = [f"{'Missing' if found else 'Then missing'}: {name} at {place}{sure}. {numbers}.",
+    first_one = before["added"] is None
+    lines = [f"{'Missing' if first_one else 'Then missing'}: {name} at {place}{sure}. {numbers}.",
              f"  Error {_change(before['error'], step['error'])}"
-             + (f" (predicted {errors_text(found['predicted_error'])})" if found else "")
+             + (f" (predicted {errors_text(step['predicted_error'])})" if step["predicted_error"] else "")
              + (f"; held-out {_change(before['held_out_error'], step['held_out_error'])}"
                 if step["held_out_error"] else "") + "."]
     return lines + (_twins(found, library) if found else [])

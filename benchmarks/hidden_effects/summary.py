@@ -93,7 +93,12 @@ def both(row):
 
 
 def foreseen(step):
-    """Whether the fall of the error that the score predicts is near the one that adding the effect brings."""
+    """Whether the fall of the error that the score predicts is near the one that adding the effect brings.
+
+    None for an effect that came first only after others had been found.
+    """
+    if not step["predicted"]:
+        return None
     fall = {c: (step["before"][c] - step["predicted"][c], step["before"][c] - step["realised"][c])
             for c in step["before"]}
     predicted, realised = max(fall.values(), key=lambda f: f[1])

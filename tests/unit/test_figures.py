@@ -11,7 +11,7 @@ from pycosim.dataset import Dataset
 from pycosim.dependence import noise_floor
 from pycosim.diagnose import Finding, diagnose
 from pycosim.improve import Improvement, step_of
-from pycosim.report import figures
+from pycosim.report import charts, figures
 from pycosim.report.values import PIXELS, envelope
 from pycosim.study import load_study
 
@@ -107,6 +107,16 @@ def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
     for name in ("manoeuvres", "over_time", "where_it_fails", "residuals", "signature", "ladder", "candidates"):
         assert {f"{name}.pdf", f"{name}.png"} <= written
     assert all(p.stat().st_size > 5000 for p in (tmp_path / "figures").iterdir())
+
+
+def test_the_map_of_what_no_effect_explains_tells_energy_and_sign(dataset):
+    left = {"channel": "C_H", "map": {"x": "theta1", "y": "theta2", "x_edges": [0, 1, 2], "y_edges": [0, 1, 2],
+                                      "mean": [[0.1, np.nan], [-0.2, 0.0]], "energy": [[0.5, 0.0], [0.49, 0.01]]}}
+    drawn = figures.unexplained(dataset, left)
+    assert [t.get_text() for t in drawn.axes[0].texts] == ["+50", "", "-49", ""]
+    chart = charts.unexplained(dataset, left)
+    assert chart.traces[0]["text"] == [["+50", ""], ["-49", ""]] and "energy in percent" in chart.caption
+    assert figures.unexplained(dataset, {**left, "map": None}) is None
 
 
 def test_where_every_run_is_one_sample_no_noise_floor_is_drawn_or_told(tmp_path):
