@@ -188,17 +188,18 @@ def page(rows):
     """
     skipped, rows = [r for r in rows if "skipped" in r], [r for r in rows if "skipped" not in r]
     yield TOP
-    for half in ("development", "final"):
-        some = [r for r in rows if r["half"] == half]
+    parts = {f"The {half} half": [r for r in rows if r["half"] == half] for half in ("development", "final")}
+    for title, some in {"Both halves": rows, **parts}.items():
         if some:
             kinds = Counter(r["kind"] for r in some)
-            yield f"## The {half} half: {len(some)} cases\n"
+            yield f"## {title}: {len(some)} cases\n"
             yield ", ".join(f"{n} {WORDS[k]}" for k, n in sorted(kinds.items())) + ".\n"
             yield "| claim | aim | measured |\n|---|---|---|"
             yield from (f"| {' | '.join(line)} |" for line in table(some))
             yield ""
     yield "## What it was taken for\n"
-    yield "![Rows: what was hidden. Columns: what was named first.](../images/confusion.png)\n"
+    yield ("![Rows: what was hidden. Columns: what was named first; a twin of the hidden effect counts as it.]"
+           "(../images/confusion.png)\n")
     wrong = [r for r in rows if r["kind"] in ("one", "weak") and not right(r)[1]]
     if wrong:
         yield "Not named, or not in place:\n"
