@@ -1,4 +1,5 @@
-"""Hide an effect in a log of millions of samples, and print time and peak memory of reading it and of improving on it.
+"""Hide an effect in a log of millions of samples, and print time and peak memory of reading it, of improving on it, and of
+its report.
 
     python -m benchmarks.speed.big [--rows 2000000 10000000] [--improve 10000000]
 
@@ -57,14 +58,19 @@ def task(name, path):
     from pycosim.compile import Library
     from pycosim.dataset import Dataset
     from pycosim.measurements import read_log
+    from pycosim.report.page import write_report
     from pycosim.study import load_study
     study, told, start = load_study(STUDY).with_data([path]), "", time.perf_counter()
     if name == "read":
         log = read_log(path, study)
         told = f"{len(log.time)} samples, {log.meta or 'row by row'}"
     else:
-        result = improve.improve(Dataset(study, Library()))
+        data = Dataset(study, Library())
+        result = improve.improve(data)
         told = ", ".join([result.first.verdict, *("@".join(s.added) for s in result.steps[1:]), result.last.verdict])
+        begin, page = time.perf_counter(), Path(path).with_suffix(".html")
+        write_report(page, data, result, "pycosim report study.toml")
+        told += f"; its report took {time.perf_counter() - begin:.1f} s, {page.stat().st_size / 1e6:.1f} MB"
     status = Path("/proc/self/status").read_text()
     peak = int(status.partition("VmHWM:")[2].split()[0]) / 1024
     print(json.dumps([time.perf_counter() - start, peak, told]))
