@@ -158,7 +158,7 @@ def run(out, quiet=False, progress=None):
         _compare(dataset, folder, progress, say)
         found = improve(dataset, seed=study.seed, progress=progress)
         _write(folder, study, dataset, found)
-        _tell(folder, found, library, say)
+        _tell(folder, dataset, found, say)
         progress("drawing")
         figures.write_figures(folder.temporary, dataset, found)
         write_report(folder.file("report.html"), dataset, found, "pycosim report study.toml")
@@ -217,13 +217,12 @@ def _write(folder, study, dataset, found):
     write_study(results.improved_study(study, found.model, found.fit), folder.file("improved.toml"))
 
 
-def _tell(folder, found, library, say):
+def _tell(folder, dataset, found, say):
     """What was found, then what was hidden."""
+    library = dataset.library
     first, last = (results.diagnosis(d, library) for d in (found.first, found.last))
     parameters = results.parameters(found.fit, found.model, 0)
-    steps = results.plain({"steps": [{"added": s.added and dict(zip(("effect", "place"), s.added)), "error": s.error,
-                                      "held_out_error": s.held_out_error} for s in found.steps]})
-    lines = results.summary_improvement(first, last, steps, parameters, library)
+    lines = results.summary_improvement(first, last, results.ladder(found.steps, dataset), parameters, library)
     hidden = [line for line in lines if line.startswith("Not visible")]
     say("3. What is missing, and what is left when it is added.", *_indent(x for x in lines if x not in hidden))
     if hidden:
