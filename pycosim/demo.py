@@ -158,7 +158,7 @@ def run(out, quiet=False, progress=None):
         _compare(dataset, folder, progress, say)
         found = improve(dataset, seed=study.seed, progress=progress)
         _write(folder, study, dataset, found)
-        _tell(folder, dataset, found, say)
+        _tell(dataset, found, say)
         progress("drawing")
         figures.write_figures(folder.temporary, dataset, found)
         write_report(folder.file("report.html"), dataset, found, "pycosim report study.toml")
@@ -217,7 +217,7 @@ def _write(folder, study, dataset, found):
     write_study(results.improved_study(study, found.model, found.fit), folder.file("improved.toml"))
 
 
-def _tell(folder, dataset, found, say):
+def _tell(dataset, found, say):
     """What was found, then what was hidden."""
     library = dataset.library
     first, last = (results.diagnosis(d, library) for d in (found.first, found.last))

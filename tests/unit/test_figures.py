@@ -109,6 +109,14 @@ def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
     assert all(p.stat().st_size > 5000 for p in (tmp_path / "figures").iterdir())
 
 
+def test_the_demo_tells_what_was_found_and_what_was_hidden(dataset, improvement):
+    said = []
+    demo._tell(dataset, improvement, lambda *lines: said.extend(lines))
+    effect, place, _ = demo.HIDDEN
+    told = "\n".join(said)
+    assert f"Missing: {effect} at {place}" in told and f"Hidden was: {effect} at {place}" in told
+
+
 def test_the_map_of_what_no_effect_explains_tells_energy_and_sign(dataset):
     left = {"channel": "C_H", "map": {"x": "theta1", "y": "theta2", "x_edges": [0, 1, 2], "y_edges": [0, 1, 2],
                                       "mean": [[0.1, np.nan], [-0.2, 0.0]], "energy": [[0.5, 0.0], [0.49, 0.01]]}}
