@@ -1,5 +1,4 @@
-"""Hide an effect in a log of millions of samples, and print time and peak memory of reading it, of improving on it, and of
-its report.
+"""Hide an effect in a log of millions of samples; print time and peak memory of reading and improving, and its report's.
 
     python -m benchmarks.speed.big [--rows 2000000 10000000] [--improve 10000000]
 
