@@ -1,4 +1,4 @@
-"""Hide an effect in a log of millions of samples; print time and peak memory of reading and improving, and its report's.
+"""Hide an effect in a log of millions of samples; print time and memory of reading, improving and reporting.
 
     python -m benchmarks.speed.big [--rows 2000000 10000000] [--improve 10000000]
 
