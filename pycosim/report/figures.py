@@ -715,7 +715,7 @@ def unexplained(dataset, left):
     top = np.nanmax(np.abs(mean))
     figure = Figure(figsize=(COLUMN, 2.7))
     axes = figure.add_subplot()
-    mesh = axes.pcolormesh(*edges, np.ma.masked_invalid(mean), cmap="RdBu", vmin=-top, vmax=top)
+    mesh = axes.pcolormesh(*edges, np.ma.masked_invalid(mean), cmap="RdBu_r", vmin=-top, vmax=top)
     middle = [(e[1:] + e[:-1]) / 2 for e in edges]
     for row, line in enumerate(signed_shares(mean, share)):
         for column, text in enumerate(line):
