@@ -239,7 +239,7 @@ class Table:
         most = min(_ENOUGH, _LIMIT / (len(whole.channels) * 12.0 * effects * 8))
         self.thin = max(1, int(np.ceil(whole.n / most))) | 1  # odd, so that an average has its sample in the middle
         whole = whole.thin(self.thin) if self.thin > 1 else whole
-        self.time, self.group, self.block, self.gaps = whole.time, whole.group, whole.block, whole.gaps
+        self.time, self.group, self.block, self.chain = whole.time, whole.group, whole.block, whole.chain
         p = len(self.fit.free)
         self.responses = []
         for k, term in enumerate(whole.terms({**parameters}, whole.of_states)):

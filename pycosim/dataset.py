@@ -238,7 +238,8 @@ class Dataset:
         Noise of a measured torque is in the residual and in every column computed from that torque; the two must not
         meet in a test, or each log would seem to lack a torque constant (instrumental variables, two stages). A torque
         is regressed on the motion - a polynomial of the configuration, speeds and accelerations, for each combination
-        of directions - and then pass by pass on that.
+        of directions - and then pass by pass on that. Half the differences of paired passes are small enough for the
+        mean noise of a pass to matter: there the polynomial is that of a run, and stays as it is.
 
         Returns
         -------
@@ -314,13 +315,14 @@ class Dataset:
         powers = {degree: np.array([np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(
             range(degree + 1), repeat=len(x)) if sum(e) <= degree]) for degree in (1, 2, 3)}
         rates = np.array([r / np.std(r) for r in rates]).reshape(len(rates), -1)
-        code = (np.sign(self.speeds) > 0).T @ (1 << np.arange(len(self.speeds)))
+        code = (np.sign(self.speeds) > 0).T @ (1 << np.arange(len(self.speeds))) + (
+            self.run << len(self.speeds) if self.paired else 0)
         predicted = values.copy()
         for where in (self.moving & (code == c) for c in np.unique(code[self.moving])):
             degree = 3 if where.sum() > 1000 else 2 if where.sum() > 200 else 1
             a = np.vstack([powers[degree][:, where], rates[:, where] if degree == 3 else rates[:0, where]])
             predicted[where] = np.linalg.lstsq(a @ a.T, a @ values[where], rcond=1e-10)[0] @ a
-        for s in contiguous(self.time, self.passes):
+        for s in () if self.paired else contiguous(self.time, self.passes):
             if self.passes[s.start] >= 0 and s.stop - s.start > 20:
                 a = np.array([np.ones(s.stop - s.start), predicted[s]])
                 predicted[s] = np.linalg.lstsq(a.T, values[s], rcond=1e-6)[0] @ a
@@ -351,13 +353,15 @@ class Dataset:
     def _trim(self, moving, angles):
         """Leave out the ends of a pass that smoothing makes look like motion: less than two encoder steps from rest."""
         moving = moving.copy()
+        least = {(run, k): 1.5 * resolution(angle[self.run == run]) + 1e-9
+                 for run in np.unique(self.run) for k, angle in enumerate(angles)}
         for pass_number in np.unique(self.passes[self.passes >= 0]):
             inside = np.flatnonzero(self.passes == pass_number)
             first, last = max(inside[0] - 3, 0), min(inside[-1] + 3, len(self.time) - 1)
-            for angle in angles:
-                least = 1.5 * resolution(angle[self.run == self.run[inside[0]]]) + 1e-9
-                moving[inside[np.abs(angle[inside] - angle[first]) < least]] = False
-                moving[inside[np.abs(angle[inside] - angle[last]) < least]] = False
+            for k, angle in enumerate(angles):
+                near = least[self.run[inside[0]], k]
+                moving[inside[np.abs(angle[inside] - angle[first]) < near]] = False
+                moving[inside[np.abs(angle[inside] - angle[last]) < near]] = False
         return moving
 
     def _split(self):
@@ -497,7 +501,8 @@ class Dataset:
 
         return Residuals(question, self.outputs, measured, terms, free, parameters,
                          self.time[index], self.passes[index], self.block[index], self.channels,
-                         linked=not (self.paired or self.averaged))
+                         not (self.paired or self.averaged),
+                         *((view.lags(self.time), view.colour) if self.paired else ()))
 
     def _read(self, question):
         """Inputs that the errors, the segments' loads or the friction states depend on."""

@@ -117,7 +117,7 @@ class Scores:
         for c in range(len(self.weights)):
             left = self.table.residual[c] - sum(
                 beta[k] * (self.table.slope[c][k] if k < self.p else self.columns[k - self.p][c]) for k in used)
-            self.noise.append(fit_noise(left, self.table.gaps, absorbed[c]))
+            self.noise.append(fit_noise(left, self.table.chain, absorbed[c]))
 
     @property
     def single(self):
@@ -158,7 +158,7 @@ class Scores:
         for c, noise in enumerate(self.noise):
             rows = [*t.slope[c], *[v[c] for v in self.columns], t.residual[c]]
             live = [k for k, row in enumerate(rows) if row.any()]
-            white = noise.whiten(np.array([rows[k] for k in live]), t.gaps)
+            white = noise.whiten(np.array([rows[k] for k in live]), t.chain)
             self.gram[np.ix_(live, live)] += white @ white.T
             self.frame.append(np.zeros((self.p + 1, len(t.time))))
             own = [i for i, k in enumerate(live) if k < self.p or k == len(rows) - 1]
@@ -169,7 +169,7 @@ class Scores:
         left = self.gram[-1, -1] - 2 * beta @ self.gram[:-1, -1] + beta @ self.gram[:-1, :-1] @ beta
         self.variance = max(left / max(self.samples - used, 1), 1e-300)
         # slow noise is known from as many independent stretches as the log holds, not from its samples
-        independent = sum(n.independent(t.gaps) for n in self.noise)
+        independent = sum(n.independent(t.chain) for n in self.noise)
         self.dof = max(min(self.samples, independent) - used, 1)
 
     # ---- cycles: a fine scan over the angle, then the best as ordinary columns
@@ -179,14 +179,14 @@ class Scores:
         self.scan_draws = np.zeros(self.draws)
         if not t.scans:
             return
-        white = [noise.whiten(np.concatenate([t.slope[c], t.residual[c][None]]), t.gaps)
+        white = [noise.whiten(np.concatenate([t.slope[c], t.residual[c][None]]), t.chain)
                  for c, noise in enumerate(self.noise)]
         gram = sum(w @ w.T for w in white)
         inverse = identify.invert(gram[:p, :p])[0]
         step = inverse @ gram[:p, -1]
         blocks = _sub_blocks(self.pieces, len(t.time))
-        drives = [noise.whiten_transposed(w[-1] - step @ w[:p], t.gaps) for w, noise in zip(white, self.noise)]
-        base = [[noise.whiten_transposed(w[k], t.gaps) for w, noise in zip(white, self.noise)] for k in range(p)]
+        drives = [noise.whiten_transposed(w[-1] - step @ w[:p], t.chain) for w, noise in zip(white, self.noise)]
+        base = [[noise.whiten_transposed(w[k], t.chain) for w, noise in zip(white, self.noise)] for k in range(p)]
         own = np.array([np.bincount(blocks, sum(s[k] * d for s, d in zip(t.slope, drives)), blocks.max() + 1)
                         for k in range(p)]).reshape(p, -1)
         absorbed = inverse @ own
@@ -399,7 +399,7 @@ class Scores:
         new = np.array(self.columns[known:])
         parts = []
         for c, noise in enumerate(self.noise):
-            white = noise.whiten(new[:, c], self.table.gaps)
+            white = noise.whiten(new[:, c], self.table.chain)
             raw = np.concatenate([self.table.slope[c], self.table.residual[c][None]])[:, few]
             parts.append((white @ white.T, self.frame[c] @ white.T, new[:, c, few] @ new[:, c, few].T,
                           raw @ new[:, c, few].T))
@@ -426,7 +426,7 @@ class Scores:
     def _visible(self, candidate, inner, full):
         """Whether a size within reason would stand out of the noise, beside what the base model absorbs."""
         diagonal = np.diag(inner)
-        # in paired passes what a weak column has left is mostly the noise that is in the residual too
+        # half differences scale with torques and losses together: what is left of such a column is the residual itself
         least = 5e-3 if self.table.dataset.paired else 1e-6
         if np.min(diagonal / np.maximum(np.diag(full), 1e-300)) < least or np.linalg.cond(inner) > 1e12:
             return False
@@ -577,10 +577,10 @@ def select(dataset, model, fit, noise, usual=None):
     blocks, index = np.unique(problem.block, return_inverse=True)
     size = len(fit.free) + 1
     raw, white = np.zeros((len(blocks), size, size)), np.zeros((len(blocks), size, size))
-    gaps, pieces = problem.gaps, contiguous(problem.time, problem.group)
+    chain, pieces = problem.chain, contiguous(problem.time, problem.group)
     for c, w in enumerate(fit.weights):
         rows = np.concatenate([slope[c], residual[c][None]])
-        for found, values in ((raw, w * rows), (white, noise[c].whiten(rows, gaps))):
+        for found, values in ((raw, w * rows), (white, noise[c].whiten(rows, chain))):
             for s in pieces:
                 found[index[s.start]] += values[:, s] @ values[:, s].T
     low = np.array([fit.variables[n].min for n in fit.free]) - fit.values

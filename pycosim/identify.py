@@ -358,17 +358,17 @@ def _result(problem, slope, residual, gram, x, free, variables, weights, noise):
     if not np.isfinite(gram).all():
         raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a "
                             "better start")
-    gaps = problem.gaps
+    chain = problem.chain
     inverse, null = invert(gram[:-1, :-1])
     if noise is None:
         root = orthonormal(inverse)
-        noise = [fit_noise(r, gaps, w * root @ j) for w, r, j in zip(weights, residual, slope)]
+        noise = [fit_noise(r, chain, w * root @ j) for w, r, j in zip(weights, residual, slope)]
     meat = np.zeros_like(inverse)
     for w, j, r_noise in zip(weights, slope, noise):
         used = np.flatnonzero(j.any(axis=1))
-        meat[np.ix_(used, used)] += w ** 4 * r_noise.covariance(j[used], gaps)
+        meat[np.ix_(used, used)] += w ** 4 * r_noise.covariance(j[used], chain)
     covariance = inverse @ meat @ inverse
-    independent = sum(n.independent(gaps) for n in noise)
+    independent = sum(n.independent(chain) for n in noise)
     dof = max(1.0, independent - len(free))
     covariance *= max(independent, 2.0) / max(independent - len(free), 1.0)
     fitted = Fit({**problem.parameters, **dict(zip(free, map(float, x)))}, free, variables, x,

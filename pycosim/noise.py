@@ -1,8 +1,9 @@
 """Residuals in, a model of their correlation out: white noise plus a slow, exponentially correlated part.
 
 The slow part remembers across the gaps between passes and across what a recorder missed; only unrelated records (other
-runs, other pairs of passes) start anew. Likelihood, whitening and covariance are exact for such samples, through the
-filter of the slow part (Kalman), whose recursions are solved as banded systems.
+runs, other pairs of passes) start anew. Half the difference of a way out and its way back forgets as either way does,
+and holds the less of the slow part the less time lies between its two samples. Likelihood, whitening and covariance are
+exact for such samples, through the filter of the slow part (Kalman), whose recursions are solved as banded systems.
 """
 
 from __future__ import annotations
@@ -20,13 +21,72 @@ PROVED = 3.0  # logarithms of likelihood that a slow part must win
 
 
 @dataclass(frozen=True)
+class Chain:
+    """How the slow noise of samples hangs together.
+
+    Attributes
+    ----------
+    gaps : ndarray, shape (n,)
+        Time from the sample before to each sample [s]; infinite where the noise starts anew.
+    lags : ndarray, shape (n,), or None
+        Where a sample is half a difference, the time between the two samples that it is made of [s].
+    colour : float
+        Variance that white noise gives the mean of many samples, over that of as many samples without a neighbour in
+        common: interpolated ones share what was measured.
+    """
+
+    gaps: np.ndarray
+    lags: np.ndarray | None = None
+    colour: float = 1.0
+
+    def __len__(self):
+        return len(self.gaps)
+
+    def variance(self, memory):
+        """Variance of the slow part at each sample, as a part of that of samples far apart.
+
+        Parameters
+        ----------
+        memory : float
+            [s]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        return np.ones(len(self.gaps)) if self.lags is None else -np.expm1(-self.lags / memory)
+
+    def kept(self, memory):
+        """What each sample keeps of the slow part of the sample before.
+
+        With the samples of both ways a time :math:`u` from where the motion turned, half the difference is, counted
+        outward, the same exponential process started from zero at :math:`u = 0`. Counted inward it keeps less.
+
+        Parameters
+        ----------
+        memory : float
+            [s]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        kept = np.exp(-self.gaps / memory)
+        if self.lags is not None:
+            variance = self.variance(memory)
+            kept[1:] *= np.minimum(1.0, variance[1:] / np.maximum(variance[:-1], 1e-300))
+        return kept
+
+
+@dataclass(frozen=True)
 class Noise:
     """Noise of one channel, white plus an exponentially correlated part.
 
     Attributes
     ----------
     white, slow : float
-        Standard deviations of the two parts, in the channel's unit.
+        Standard deviations of the two parts, in the channel's unit. Where white noise is coloured by interpolation, the
+        one that means over many samples tell of.
     memory : float
         Correlation time of the slow part [s].
     """
@@ -48,31 +108,29 @@ class Noise:
         """
         return replace(self, white=self.white * math.sqrt(width))
 
-    def independent(self, gaps):
+    def independent(self, chain):
         """Number of independent values among samples, as far as slow noise limits a fit.
 
         Parameters
         ----------
-        gaps : ndarray, shape (n,)
-            As of `chained`.
+        chain : Chain
 
         Returns
         -------
         float
         """
         if self.slow <= 0.1 * self.white:
-            return float(len(gaps))
-        kept = np.exp(-gaps / self.memory)
+            return float(len(chain))
+        kept = np.exp(-chain.gaps / self.memory)
         return float(np.sum((1 - kept) / (1 + kept)))
 
-    def whiten(self, values, gaps):
+    def whiten(self, values, chain):
         """Innovations of ``values`` along the last axis, in units of their standard deviation.
 
         Parameters
         ----------
         values : ndarray, shape (.., n)
-        gaps : ndarray, shape (n,)
-            As of `chained`.
+        chain : Chain
 
         Returns
         -------
@@ -81,15 +139,15 @@ class Noise:
         if self.slow == 0.0:
             return values / self.white
         flat = values.reshape(-1, values.shape[-1])
-        return _innovations(flat, *self._filter(gaps)).reshape(values.shape)
+        return _innovations(flat, *self._filter(chain)).reshape(values.shape)
 
-    def whiten_transposed(self, values, gaps):
+    def whiten_transposed(self, values, chain):
         """Product of ``values`` with the transpose of the matrix that `whiten` multiplies by.
 
         Parameters
         ----------
         values : ndarray, shape (n,)
-        gaps : ndarray, shape (n,)
+        chain : Chain
 
         Returns
         -------
@@ -97,18 +155,18 @@ class Noise:
         """
         if self.slow == 0.0:
             return values / self.white
-        own, from_before, spread = self._filter(gaps)
+        own, from_before, spread = self._filter(chain)
         u = values / spread
         later = _recursion(np.r_[0.0, own[:0:-1]], -u[None, ::-1])[0, ::-1]
         return u + np.r_[from_before[1:] * later[1:], 0.0]
 
-    def covariance(self, rows, gaps):
+    def covariance(self, rows, chain):
         """Covariance of the sums of noise weighted by rows.
 
         Parameters
         ----------
         rows : ndarray, shape (p, n)
-        gaps : ndarray, shape (n,)
+        chain : Chain
 
         Returns
         -------
@@ -117,11 +175,12 @@ class Noise:
         plain = rows @ rows.T
         if self.slow == 0.0:
             return self.white ** 2 * plain
-        half = _recursion(np.exp(-gaps / self.memory), rows) @ rows.T
-        return self.white ** 2 * plain + self.slow ** 2 * (half + half.T - plain)
+        each = chain.variance(self.memory) * rows
+        half = _recursion(chain.kept(self.memory), each) @ rows.T
+        return self.white ** 2 * plain + self.slow ** 2 * (half + half.T - each @ rows.T)
 
-    def _filter(self, gaps):
-        return _gains(np.exp(-gaps / self.memory), self.slow ** 2, self.white ** 2)
+    def _filter(self, chain):
+        return _gains(chain.kept(self.memory), self.slow ** 2 * chain.variance(self.memory), self.white ** 2)
 
 
 def _recursion(factor, drive):
@@ -139,7 +198,7 @@ def _innovations(rows, own, from_before, spread):
 
 
 def _gains(kept, slow, white):
-    """Filter of a state of variance ``slow`` seen in white noise.
+    """Filter of a state of variances ``slow`` seen in white noise.
 
     Returns what the prediction of a sample takes from the prediction before it, what from the sample before it, and the
     spread of the innovations. The variance after a sample is a fractional-linear function of that after the sample
@@ -147,7 +206,7 @@ def _gains(kept, slow, white):
     negative, so that nothing cancels.
     """
     decay = kept ** 2
-    fresh = slow * (1 - decay)
+    fresh = np.maximum(slow - decay * np.r_[0.0, slow[:-1]], 0.0)
     top, bottom = [white * decay, white * fresh], [decay, fresh + white]
     shift = 1
     while shift < len(kept):
@@ -157,17 +216,18 @@ def _gains(kept, slow, white):
         size = joined[3]  # of a matrix only its direction counts
         joined = [np.concatenate([v[:shift], j / size]) for v, j in zip((*top, *bottom), joined)]
         top, bottom, shift = joined[:2], joined[2:], 2 * shift
-        if np.max(np.abs(top[0] * bottom[1] - top[1] * bottom[0]) / bottom[1] ** 2) < 1e-12 * min(slow / white, 1.0):
+        forgotten = np.max(np.abs(top[0] * bottom[1] - top[1] * bottom[0]) / bottom[1] ** 2)
+        if forgotten < 1e-12 * min(slow.max() / white, 1.0):
             break
     after = np.r_[0.0, (top[1] / bottom[1])[:-1]]
-    ahead = slow + decay * (after - slow)
+    ahead = fresh + decay * after
     gain = ahead / (ahead + white)
     last = np.r_[0.0, gain[:-1]]
     return kept * (1 - last), kept * last, np.sqrt(ahead + white)
 
 
-def chained(time, group, linked):
-    """Time from the sample before to each sample; infinite where the noise starts anew.
+def chained(time, group, linked, lags=None, colour=1.0):
+    """How the noise of samples hangs together.
 
     Parameters
     ----------
@@ -176,22 +236,25 @@ def chained(time, group, linked):
     group : ndarray, shape (n,)
     linked : bool
         Whether the noise goes on from one group to the next where time does.
+    lags : ndarray, shape (n,), optional
+    colour : float
+        As of `Chain`.
 
     Returns
     -------
-    ndarray, shape (n,)
-        [s]; regular sampling intervals are exactly equal.
+    Chain
+        Regular sampling intervals are exactly equal.
     """
     if len(time) == 0:
-        return np.zeros(0)
+        return Chain(np.zeros(0), lags, colour)
     gap, same = np.diff(time), np.diff(group) == 0
     inside = gap[(gap > 0) & same]
     usual = np.median(inside) if len(inside) else math.inf
     gap = np.where(np.abs(gap - usual) < 0.5 * usual, usual, gap) if len(inside) else gap
-    return np.r_[math.inf, np.where((gap > 0) & (same | linked), gap, math.inf)]
+    return Chain(np.r_[math.inf, np.where((gap > 0) & (same | linked), gap, math.inf)], lags, colour)
 
 
-def fit_noise(residual, gaps, absorbed=None, start=None):
+def fit_noise(residual, chain, absorbed=None, start=None):
     """Estimate the noise of one channel from its residual, by restricted maximum likelihood.
 
     Means over short stretches hold what is known of the slow part, the scatter within them what is known of the white
@@ -200,8 +263,7 @@ def fit_noise(residual, gaps, absorbed=None, start=None):
     Parameters
     ----------
     residual : ndarray, shape (n,)
-    gaps : ndarray, shape (n,)
-        As of `chained`.
+    chain : Chain
     absorbed : ndarray, shape (p, n), optional
         Derivatives by the fitted parameters, orthonormal or zero: what the fit took out of the noise is put back.
     start : Noise, optional
@@ -212,8 +274,8 @@ def fit_noise(residual, gaps, absorbed=None, start=None):
     Noise
     """
     variance = float(np.mean(residual ** 2)) if len(residual) else 1.0
-    plain = Noise(math.sqrt(max(variance, 1e-300)))
-    means = _Means.of(residual, np.zeros((0, len(residual))) if absorbed is None else absorbed, gaps)
+    plain = Noise(math.sqrt(max(chain.colour * variance, 1e-300)))
+    means = _Means.of(residual, np.zeros((0, len(residual))) if absorbed is None else absorbed, chain)
     if means is None or variance <= 0:
         return plain
     if start is None or start.slow == 0.0:
@@ -236,7 +298,7 @@ class _Means:
     """Means of a residual and of the fitted derivatives over stretches of ``size`` samples, and the scatter within."""
 
     rows: np.ndarray
-    gaps: np.ndarray
+    chain: Chain
     step: float
     size: int
     within: float
@@ -245,8 +307,9 @@ class _Means:
     longest: float
 
     @classmethod
-    def of(cls, residual, absorbed, gaps):
+    def of(cls, residual, absorbed, chain):
         """Cut into stretches; None where too few samples follow each other."""
+        gaps = chain.gaps
         regular = gaps[np.isfinite(gaps)]
         if len(residual) < 20 or len(regular) < 8:
             return None
@@ -255,7 +318,8 @@ class _Means:
         length = np.diff(edges)
         if length.max() < 8:
             return None
-        size = int(min(max(len(residual) // BLOCKS, 1), LONGEST, max(np.median(length) // 4, 1)))
+        least = 4 if chain.colour > 1 else 1  # neighbours in common are no slow noise
+        size = int(min(max(len(residual) // BLOCKS, least), LONGEST, max(np.median(length) // 4, 1)))
         pieces = [(a, n // size) for a, n in zip(edges[:-1].tolist(), length.tolist()) if n >= size]
         pieces = pieces[::max(1, round(sum(n for _, n in pieces) / BLOCKS))]
         begins = np.concatenate([a + size * np.arange(n) for a, n in pieces])
@@ -266,7 +330,9 @@ class _Means:
         apart = np.diff(clock[begins])
         apart[np.abs(apart - size * step) < 0.5 * step] = size * step
         within = float(((values - values.mean(1, keepdims=True)) ** 2).sum())
-        return cls(rows, np.r_[math.inf, apart], step, size, within, len(begins) * (size - 1),
+        within *= chain.colour / (1 - (chain.colour - 1) / size)
+        lags = None if chain.lags is None else chain.lags[index].mean(1)
+        return cls(rows, Chain(np.r_[math.inf, apart], lags), step, size, within, len(begins) * (size - 1),
                    step * max(size / 4, 0.4), float(regular.sum()))
 
     def inside(self, x):
@@ -284,7 +350,8 @@ class _Means:
         mean = (1 - phi ** d) / (d * (1 - phi))
         own = ratio * (1 + 2 * phi / (1 - phi) * (1 - mean)) / d  # variance of a mean of the slow part
         shared = ratio * mean ** 2 * phi ** (1 - d)  # of which goes on to the next, times phi^d
-        filtered = _gains(np.exp(-self.gaps / memory), d * shared, 1 + d * (own - shared))
+        slow = d * shared * self.chain.variance(memory)
+        filtered = _gains(self.chain.kept(memory), slow, 1 + d * (own - shared))
         white = _innovations(self.rows, *filtered)
         spread = filtered[2]
         a, b = white[:-1] @ white[:-1].T, white[:-1] @ white[-1]

@@ -32,12 +32,14 @@ DWELL = 0.15  # s
 FLAT = 0.3  # s at constant speed at least
 LEAST = 3.0  # least speed of a segment, over the speed above which a sample counts as moving
 SHARE = 0.01  # of the budget that every stroke gets at least
-TRAVEL = 0.1, 0.3, 0.5  # of the budget kept for the ways between strokes; the next if they take longer
-STARTS = 3
+TRAVEL = 0.05, 0.15, 0.5  # of the budget kept for the ways between strokes; the next if they take longer
+STARTS = 5
+DRAWN = 60  # points from which those are chosen: what tells rivals apart can be a corner that nothing slopes towards
 SHORTEST = 0.0075  # of a way, over the size of the workspace; below 0.005 `segmentation` sees no way out and back
 PRESLIDING = 50.0  # least way of a segment over its elastic displacement: friction has built up in 2 % of a pass
 ASSUMED = 0.01  # noise over the range of a channel, where nothing was measured
 MEMORY = 1.0  # s
+ALIKE = 0.1  # squares of the noise below which rivals are one and the same
 SEPARATE = 10.8  # squares of the noise by which rivals must differ: the better one is the true one in 99.9 %
 
 
@@ -297,7 +299,7 @@ class Optimiser:
         for zone, fastest in self.slots:
             centre = rng.dirichlet(np.full(len(corners), 0.7)) @ corners
             middle, _ = self.ws.centre
-            centre = middle + 0.8 * (centre - middle)
+            centre = middle + rng.uniform(0.6, 0.95) * (centre - middle)
             u = zone.direction * fastest * 0.9
             ramp = max(PEAK * (np.abs(u) / limits.acceleration).max() / ROOM * 1.02, SHORTEST_RAMP)
             reach = 2 * min(self.ws.reach(centre, d) for d in (u, -u))
@@ -331,10 +333,13 @@ class Optimiser:
             "constr_viol_tol": 1e-6, "limited_memory_max_history": 30}}
         solver = ca.nlpsol("plan", "ipopt", self.problem, options)
         low, high = self._bounds()
+        objective = ca.Function("objective", [self.problem["x"]], [self.problem["f"]])
+        drawn = [self.start(rng) / self.scale for _ in range(DRAWN)]
+        worth = np.nan_to_num([float(objective(z)) for z in drawn], nan=np.inf)
         best = self.nearest = None
-        for k in range(STARTS):
+        for k, z in enumerate(np.argsort(worth, kind="stable")[:STARTS]):
             progress(f"optimising the experiment, start {k + 1} of {STARTS}")
-            found = solver(x0=self.start(rng) / self.scale, lbx=low, ubx=high, lbg=self.g_low, ubg=self.g_high)
+            found = solver(x0=drawn[z], lbx=low, ubx=high, lbg=self.g_low, ubg=self.g_high)
             x, g = found["x"].full()[:, 0], found["g"].full()[:, 0]
             beyond = np.maximum(self.g_low - g, g - self.g_high)
             if np.isfinite(x).all() and beyond.max() < 1e-4 and (best is None or float(found["f"]) < best[0]):
@@ -639,8 +644,11 @@ def rivals(pairs, fitted):
             (model, fit), (rival, rival_fit) = fitted[true], fitted[other]
             values = {**{n: v.value for n, v in rival.parameters.items()}, **rival_fit.parameters}
             machine = {**{n: v.value for n, v in model.parameters.items()}, **fit.parameters}
+            low, high = (np.array([getattr(rival_fit.variables[n], end) for n in rival_fit.free])
+                         for end in ("min", "max"))
             found.append(Block(rival, rival_fit.free, values, prior_of(rival_fit), (model, machine),
-                               ("@".join(true), "@".join(other))))
+                               ("@".join(true), "@".join(other)),
+                               room=(low - rival_fit.values, high - rival_fit.values)))
     return found
 
 
@@ -879,15 +887,17 @@ def separations(plan):
     -------
     list of dict
         ``true``, ``other``, ``difference`` (in standard deviations of the noise), ``share`` of the difference that the
-        other cannot bend to, and ``separable``.
+        other cannot bend to, ``separable``, and the ``time`` that would separate them, as squares grow with it [s].
     """
     found = []
     for block, gram in zip(plan.blocks, plan.design.grams):
         if block.other is None:
             continue
-        own, cross, whole = gram[:-1, :-1], gram[:-1, -1], gram[-1, -1]
-        left = max(float(whole - cross @ np.linalg.pinv(own, hermitian=True) @ cross), 0.0)
+        whole, free = gram[-1, -1], np.full(len(gram) - 1, np.inf)
+        bent, _ = identify.bounded(gram[:-1, :-1], gram[:-1, -1], *(block.room or (-free, free)))
+        left = max(float(whole - bent), 0.0)
         true, other = block.name
         found.append({"true": true, "other": other, "difference": math.sqrt(left),
-                      "share": math.sqrt(left / whole) if whole > 0 else 0.0, "separable": left > SEPARATE})
+                      "share": math.sqrt(left / whole) if whole > 0 else 0.0, "separable": left > SEPARATE,
+                      "time": plan.budget * SEPARATE / left if left > ALIKE else None})
     return found

@@ -80,6 +80,8 @@ class Block:
         Of the rivals.
     rows : ndarray, shape (k, p), optional
         Combinations of the parameters over their nominal values whose intervals count; each by itself by default.
+    room : tuple of ndarray, shape (p,), optional
+        How far each parameter may bend down and up to its bounds; as far as it likes by default.
     """
 
     model: object
@@ -89,6 +91,7 @@ class Block:
     other: tuple | None = None
     name: tuple = field(default_factory=tuple)
     rows: object = None
+    room: tuple | None = None
 
 
 class Node:

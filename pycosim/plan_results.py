@@ -149,6 +149,7 @@ def _told(s):
     if s["separable"]:
         return (f"If {s['true']} is true, {s['other']} would miss by {s['difference']:.1f} standard deviations of the "
                 "noise: they can be told apart.")
-    why = ("the one can bend to the other: the same torque on every motion that the limits allow" if s["share"] < 0.02
-           else "the difference is smaller than the noise within this budget")
+    why = ("the one can bend to the other: the same torque on every motion that was found within the limits"
+           if s["time"] is None else "the difference is smaller than the noise within this budget; about "
+           f"{s['time']:.0f} s of such motion would tell")
     return f"{s['true']} and {s['other']} stay alike, {s['difference']:.1f} standard deviations apart: {why}."

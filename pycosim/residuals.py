@@ -50,11 +50,16 @@ class Residuals:
         What the errors are called, where not as the channels.
     linked : bool
         Whether noise goes on from one pass to the next: samples in the order of time, each compared with a reference.
+    lags : ndarray, shape (n,), optional
+        Of paired samples, the time between both [s].
+    colour : float
+        What interpolation does to white noise; both as of `noise.Chain`.
     """
 
     def __init__(self, question, channels, measured, terms, free, parameters, time, group, block,
-                 names=None, linked=False):
-        self.time, self.group, self.block, self.linked = time, group, block, linked
+                 names=None, linked=False, lags=None, colour=1.0):
+        self.time, self.group, self.block = time, group, block
+        self.linked, self.lags, self.colour = linked, lags, colour
         self.question = question
         self.channels, self.measured = list(channels), measured
         self.names = list(channels if names is None else names)
@@ -93,9 +98,9 @@ class Residuals:
         return self.measured.shape[1]
 
     @property
-    def gaps(self):
-        """Time from the sample before to each sample [s]; infinite where the noise starts anew."""
-        return chained(self.time, self.group, self.linked)
+    def chain(self):
+        """How the noise of the samples hangs together."""
+        return chained(self.time, self.group, self.linked, self.lags, self.colour)
 
     def thin(self, k):
         """The same problem on every k-th sample.
@@ -114,6 +119,7 @@ class Residuals:
         fewer = copy.copy(self)  # shares the compiled functions
         fewer.measured, fewer.terms = self.measured[:, ::k], terms
         fewer.time, fewer.group, fewer.block = self.time[::k], self.group[::k], self.block[::k]
+        fewer.lags, fewer.colour = None if self.lags is None else self.lags[::k], 1.0
         return fewer
 
     def _arguments(self, term, parameters, where):

@@ -424,8 +424,9 @@ def split(blocks, n_runs, held_out_runs=()):
     Returns
     -------
     ndarray of bool, shape (b,)
-        A single run: the last repeat of each (line, speed), else every fourth block. Several runs: the held-out ones,
-        else every fourth run. With fewer than four, the last one; with one alone, nothing.
+        The held-out runs, else every fourth run. Fewer than four runs: the last repeat of each (line, speed), else
+        every fourth block, or the last of fewer; of one alone, nothing. A run that was planned to follow another is
+        thus fitted, and not held out as a whole.
 
     Raises
     ------
@@ -436,18 +437,15 @@ def split(blocks, n_runs, held_out_runs=()):
         if set(range(n_runs)) <= set(held_out_runs):
             raise DataError("every run is held out, so nothing is left to fit; leave at least one in [data] runs")
         return np.isin(blocks.run, list(held_out_runs))
-    if n_runs > 1:
-        return np.isin(blocks.run, _every_fourth(n_runs))
+    if n_runs > 3:
+        return np.isin(blocks.run, np.arange(3, n_runs, 4))
     keys = list(zip(blocks.line.tolist(), blocks.speed.tolist()))
     last = {key: k for k, key in enumerate(keys)}
     test = np.array([last[key] == k for k, key in enumerate(keys)], dtype=bool) & (blocks.repeat > 0)
     if not test.any():
-        test[_every_fourth(len(blocks))] = True
+        test[3::4] = True
+        test[-1] |= 1 < len(test) < 4
     return test
-
-
-def _every_fourth(n):
-    return np.arange(3, n, 4) if n > 3 else np.arange(n)[-1:] if n > 1 else np.arange(0)
 
 
 def folds(blocks_fit, k=5):
@@ -506,6 +504,29 @@ class Pairs:
             Of the earlier pass, and interpolated on the later.
         """
         return values[..., self.i], values[..., self.j0] * (1 - self.weight) + values[..., self.j1] * self.weight
+
+    def lags(self, time):
+        """Time between both ways.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,)
+            [s]
+
+        Returns
+        -------
+        ndarray, shape (p,)
+            [s]
+        """
+        earlier, later = self.at(time)
+        return later - earlier
+
+    @property
+    def colour(self):
+        """Variance of white noise in the mean over all pairs, over that of pairs that have no sample in common."""
+        own = np.sum(1 + self.weight**2 + (1 - self.weight)**2)
+        shares = np.bincount(np.r_[self.j0, self.j1], np.r_[1 - self.weight, self.weight])
+        return float((len(self.i) + np.sum(shares**2)) / own) if len(self.i) else 1.0
 
 
 def pairs(config, pass_id, run=None, tolerance=None, block=None):

@@ -7,7 +7,9 @@ to and fro. Those of the joints become motions of the motors by the model's own 
 from __future__ import annotations
 
 import inspect
+import math
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 
 import casadi as ca
 import numpy as np
@@ -374,21 +376,21 @@ def make(kind, model, values, rate, duration=None, **options):
     """
     if kind not in TRAJECTORIES:
         raise UnknownNameError(f"no trajectory '{kind}'{closest(kind, TRAJECTORIES)}")
-    known = list(inspect.signature(TRAJECTORIES[kind]).parameters)[4:]
-    for name in options:
+    known = dict(list(inspect.signature(TRAJECTORIES[kind]).parameters.items())[4:])
+    for name, value in options.items():
         if name not in known:
             raise UnknownNameError(f"the trajectory '{kind}' has no option '{name}'{closest(name, known)}")
-    for name, value in options.items():
-        numbers = value if isinstance(value, list) else [value]
-        if not numbers or any(isinstance(v, (bool, str)) or not np.isfinite(v) for v in numbers):
-            raise DataError(f"the trajectory '{kind}': '{name}' must be a number, or a list of numbers, not {value!r}")
+        default = known[name].default
+        several, whole = isinstance(default, tuple), isinstance(default, int)
+        each = value if isinstance(value, (list, tuple)) else [value]
+        right = [isinstance(v, Integral if whole else Real) and not isinstance(v, bool) and math.isfinite(v)
+                 for v in each]
+        if not right or not all(right) or several != (each is value):
+            what = "a list of numbers" if several else "a whole number" if whole else "a number"
+            raise DataError(f"the trajectory '{kind}': '{name}' must be {what}, not {value!r}")
     if duration is not None:
         options["duration"] = duration
-    try:
-        return TRAJECTORIES[kind](model, values, rate, **options)
-    except (TypeError, ValueError):
-        raise DataError(f"the trajectory '{kind}': one of {', '.join(options)} has a list where it needs a number, or "
-                        "the other way round") from None
+    return TRAJECTORIES[kind](model, values, rate, **options)
 
 
 def _derived(q, t, time):

@@ -32,8 +32,9 @@ class Case:
 
     Parameters
     ----------
-    kind : {"one", "weak", "pair", "none", "outside", "paper"}
-        The last is the paper's machine with nothing hidden, of which only the fit is asked for.
+    kind : {"one", "weak", "pair", "none", "paired", "outside", "paper"}
+        ``paired`` has nothing hidden and no torque reference. ``paper`` is the paper's machine with nothing hidden, of
+        which only the fit is asked for.
     effects : tuple of str
         Identifiers of the hidden effects.
     seed : int
@@ -84,7 +85,7 @@ def all_cases(count=1.0, first=0):
     def seeds(number):
         return range(first, first + max(1, round(number * count)))
 
-    found = [Case("none", (), s) for s in seeds(200)]
+    found = [Case("none", (), s) for s in seeds(200)] + [Case("paired", (), s) for s in seeds(100)]
     found += [Case("one", (e,), s) for e in CATALOGUE for s in seeds(12)]
     found += [Case("weak", (e,), s) for e in CATALOGUE for s in seeds(4)]
     found += [Case("outside", (e,), s) for e in rig.OUTSIDE_CATALOGUE for s in seeds(14)]
@@ -174,7 +175,7 @@ def _calibrated(drawn, effect, size, seed):
     return rig.calibrate(effect, size, drawn.machine, drawn.motion, drawn.noise, seed)
 
 
-def log(drawn, seed, effects=None):
+def log(drawn, seed, effects=None, reference="gravity_model"):
     """The log of a drawn case, as a table.
 
     Parameters
@@ -184,6 +185,8 @@ def log(drawn, seed, effects=None):
         Of the noise.
     effects : list, optional
         Instead of the hidden ones.
+    reference : str or None
+        What the machine's torques at the joints are taken from; without it there are none.
 
     Returns
     -------
@@ -191,7 +194,8 @@ def log(drawn, seed, effects=None):
     """
     effects = drawn.hidden if effects is None else effects
     extra = ("q",) if any(e.id in ("cable_compliance", "backlash") for e in drawn.hidden) else ()
-    frame = rig.measure(drawn.machine, drawn.motion, effects, drawn.noise, drawn.counts, seed, extra)
+    frame = rig.measure(drawn.machine, drawn.motion, effects, drawn.noise, drawn.counts, seed, extra,
+                        reference=reference)
     return rig.drop_out(frame, drawn.lost, np.random.default_rng([seed, 5]))
 
 

@@ -1,7 +1,7 @@
 """Hide effects in logs of the independent machine, improve each, and print how often the diagnosis is right.
 
     python -m benchmarks.hidden_effects.run [--half development|final] [--share 1.0] [--out cases.jsonl]
-                                            [--kinds one weak pair none outside paper] [--effects viscous ...]
+                                            [--kinds one weak pair none paired outside paper] [--effects viscous ...]
 
 Cases that the output file already holds are not run again. `python -m benchmarks.hidden_effects.summary cases.jsonl`
 prints the tables and draws the confusion matrix.
@@ -47,7 +47,7 @@ def run(case):
     given, library = cases.study(load_study(STUDY), case.effects), Library()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.csv"
-        rig.write_csv(cases.log(drawn, case.seed), path)
+        rig.write_csv(cases.log(drawn, case.seed, reference=None if case.kind == "paired" else "gravity_model"), path)
         data = Dataset(given.with_data([path]), library)
     if case.kind == "paper":
         return {**row, "base": _base(identify.fit(data, data.base), drawn.machine)}

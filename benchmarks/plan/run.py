@@ -1,8 +1,8 @@
 """Planned experiments against the paper's six manoeuvres: intervals, predicted against realised, and twins.
 
-    python -m benchmarks.plan.run [--seeds 50] [--twin-seeds 30] [--pairs 10]
+    python -m benchmarks.plan.run [--seeds 50] [--plans 5] [--twin-seeds 30] [--pairs 10] [--seed 1000]
 
-Logs come from the independently written machine of `benchmarks.hidden_effects`; the plans are made from a first log of
+Logs come from the independently written machine of `benchmarks.hidden_effects`; each plan is made from a first log of
 the six manoeuvres and from nothing else.
 """
 
@@ -54,24 +54,24 @@ def study(reference):
     return replace(load_study(STUDY), reference=reference)
 
 
-def dataset(motion, seed, reference, effects=(), study_of=study):
-    """A log of the machine as a data set."""
+def dataset(motions, seed, reference, effects=(), study_of=study):
+    """Logs of the machine as a data set; `motions` is one, or several that are made one after the other."""
     from pycosim.compile import Library
     from pycosim.dataset import Dataset
-    frame = rig.measure(rig.PAPER, motion, effects, rng=seed)
-    if reference == "unknown":
-        frame = frame.drop(columns=["C_H", "C_K"])
+    motions = motions if isinstance(motions, list) else [motions]
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "log.csv"
-        rig.write_csv(frame, path)
-        return Dataset(study_of(reference).with_data([path]), Library())
+        paths = [Path(folder) / f"log{k}.csv" for k in range(len(motions))]
+        for k, (path, motion) in enumerate(zip(paths, motions)):
+            frame = rig.measure(rig.PAPER, motion, effects, rng=seed + 100_000 * k)
+            rig.write_csv(frame.drop(columns=["C_H", "C_K"] if reference == "unknown" else []), path)
+        return Dataset(study_of(reference).with_data(paths), Library())
 
 
-def planned(reference, criterion="intervals"):
+def planned(reference, seed, criterion="intervals"):
     """Plan of the baseline's duration, made from one log of the baseline, and its predicted fit of everything."""
     from pycosim import identify, plan
     from pycosim.plan_prediction import expected, predicted_fit
-    first = dataset(baseline(), 1000, reference)
+    first = dataset(baseline(), seed, reference)
     fit = identify.fit(first, first.base, part="all")
     k = plan.known(first.study, first.library, first.base, first, fit)
     k.prior = plan.prior_of(None, k.free, fit.variables)  # the new log is to stand alone, as the baseline does
@@ -94,35 +94,42 @@ def case(arguments):
     return found
 
 
-def compared(reference, seeds, pool):
-    """Print intervals of plan and baseline, and what was predicted of the plan's."""
-    found, predicted, took = planned(reference)
-    motion = as_machine(found.motion)
-    kinds = {"baseline": baseline(), "plan": motion}
-    rows = {k: list(pool.map(case, [(m, s, reference) for s in range(seeds)])) for k, m in kinds.items()}
-    names = [*TRUTH, "sum"]
+def compared(reference, seeds, plans, pool):
+    """Print intervals and errors of plans and baseline, and what was predicted of the plans' intervals.
+
+    Each plan is made from a log of its own; the seeds are shared out among them.
+    """
     truth = {**TRUTH, "sum": sum(TRUTH[f"s{s}.f0"] * (1 + TRUTH[f"s{s}.mu"]) for s in ("1B", "2B"))}
-    _, low, high, _ = combination(predicted)
-    told = {**dict(zip(predicted.free, predicted.stderr)), "sum": (high - low) / 3.92}
-    print(f"\nreference {reference}: baseline {kinds['baseline'].time[-1]:.1f} s, plan {found.motion.duration:.1f} s, "
-          f"made in {took:.0f} s; {seeds} seeds")
-    print(f"{'':8s} {'stderr base':>12s} {'plan':>9s} {'ratio':>6s} {'scatter ratio':>13s} {'predicted/realised':>18s} "
+    rows, told, took = {"baseline": [], "plan": []}, [], []
+    for part in np.array_split(seeds, plans):
+        found, predicted, seconds = planned(reference, int(part[0]))
+        for kind, motion in (("baseline", baseline()), ("plan", as_machine(found.motion))):
+            rows[kind] += pool.map(case, [(motion, int(s), reference) for s in part[1:]])
+        _, low, high, _ = combination(predicted)
+        widths = {**dict(zip(predicted.free, predicted.stderr)), "sum": (high - low) / 3.92}
+        new = rows["plan"][1 - len(part):]
+        told.append({n: widths[n] / np.mean([r[n][1] for r in new]) for n in truth})
+        took.append(seconds)
+    print(f"\nreference {reference}: {plans} plans of at most {baseline().time[-1]:.1f} s, each from one log, made in "
+          f"at most {max(took):.0f} s; {len(rows['plan'])} seeds")
+    print(f"{'':8s} {'stderr base':>12s} {'plan':>9s} {'ratio':>6s} {'error ratio':>11s} {'predicted/realised':>18s} "
           f"{'inside':>6s}")
     ratios = {}
-    for n in names:
-        base, new = (np.array([r[n] for r in rows[k]]) for k in kinds)
-        reported, scatter = new[:, 1].mean() / base[:, 1].mean(), new[:, 0].std(ddof=1) / base[:, 0].std(ddof=1)
-        inside = np.mean((new[:, 2] <= truth[n]) & (truth[n] <= new[:, 3]))
-        ratios[n] = reported, scatter, told[n] / new[:, 1].mean()
-        print(f"{n:8s} {base[:, 1].mean():12.6f} {new[:, 1].mean():9.6f} {reported:6.2f} {scatter:13.2f} "
-              f"{ratios[n][2]:18.2f} {inside:6.2f}")
+    for n, true in truth.items():
+        base, new = (np.array([r[n] for r in rows[k]]) for k in rows)
+        error = [np.sqrt(np.mean((v[:, 0] - true) ** 2)) for v in (base, new)]
+        ratios[n] = new[:, 1].mean() / base[:, 1].mean(), error[1] / error[0]
+        foreseen, inside = [t[n] for t in told], np.mean((new[:, 2] <= true) & (true <= new[:, 3]))
+        print(f"{n:8s} {base[:, 1].mean():12.6f} {new[:, 1].mean():9.6f} {ratios[n][0]:6.2f} {ratios[n][1]:11.2f} "
+              f"{min(foreseen):7.2f} to {max(foreseen):4.2f}    {inside:6.2f}")
     own = [n for n in TRUTH if reference != "unknown" or n not in ("s1B.f0", "s2B.f0")]
     own += ["sum"] if reference == "unknown" else []
-    for k, what in enumerate(("intervals", "scatter")):
+    for k, what in enumerate(("intervals", "errors (root mean square)")):
         mean = np.exp(np.mean([np.log(ratios[n][k]) for n in own]))
         print(f"geometric mean of {what} over {len(own)}: {mean:.3f} of the baseline's (the aim is 0.333)")
-    known = [ratios[n][2] for n in own]
-    print(f"predicted over realised widths: {min(known):.2f} to {max(known):.2f} (the aim is 0.8 to 1.2)")
+    near = [0.8 <= t[n] <= 1.2 for t in told for n in own]
+    print(f"predicted over realised widths within 0.8 to 1.2: {sum(near)} of {len(near)}, in the mean "
+          f"{np.exp(np.mean([np.log(t[n]) for t in told for n in own])):.2f}")
 
 
 def main():
@@ -131,15 +138,17 @@ def main():
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--twin-seeds", type=int, default=30)
     parser.add_argument("--pairs", type=int, default=10)
+    parser.add_argument("--plans", type=int, default=5)
+    parser.add_argument("--seed", type=int, default=1000, help="of the first log; the others count on")
     parser.add_argument("--references", nargs="+", choices=REFERENCES, default=REFERENCES)
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args()
     with ProcessPoolExecutor(args.workers) as pool:
         for reference in args.references if args.seeds else ():
-            compared(reference, args.seeds, pool)
+            compared(reference, range(args.seed, args.seed + args.seeds + args.plans), args.plans, pool)
         if args.pairs:
             from benchmarks.plan import twins
-            twins.report(args.pairs, args.twin_seeds, pool)
+            twins.report(args.pairs, range(args.seed, args.seed + args.twin_seeds + 1), pool)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""Ten pairs of effects: how often the right one is named after six manoeuvres at one speed, and after a plan."""
+"""Ten pairs of effects: how often the right one is named when six manoeuvres at one speed are followed by a plan.
+
+The alternative is to make the six manoeuvres once more, which takes 160 s against the plan's 120 s.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ import numpy as np
 
 from benchmarks.hidden_effects import machine as rig
 
+BUDGET = 120.0  # s
+SAME = 0.01  # variances of the noise: what rounding leaves of one and the same prediction
 # the true effect, with its coefficients, and a rival of the catalogue
 PAIRS = [
     (("viscous", "1A", {"b": 0.02}), ("stribeck", "1A")),
@@ -39,30 +44,31 @@ def fits(data, pair, truth):
 
 
 def case(arguments):
-    """Whether the right one of two has the smaller error on unseen folds, and by how many standard errors."""
-    from benchmarks.plan.run import dataset
+    """Variances of the noise by which the right one of two is better on unseen folds, and over their spread."""
+    from benchmarks.plan.run import baseline, dataset
     from pycosim.diagnose import difference, select
     motion, seed, (true, other) = arguments
     key = true[:2]
-    data = dataset(motion, seed, "gravity_model", (rig.Effect(key[0], key[1], **true[2]),))
+    data = dataset([baseline(), motion], seed, "gravity_model", (rig.Effect(key[0], key[1], **true[2]),))
     both = fits(data, (key, other), true[2])
     noise = both[key][1].noise
-    a, b = (select(data, *both[k], noise) for k in (key, other))
+    a = select(data, *both[key], noise)
+    b = select(data, *both[other], noise, a.usual)
     gap, spread = difference(b.white, a.white)
-    return gap > 0, gap / spread if np.isfinite(spread) and spread > 0 else 0.0
+    return gap, gap / spread if np.isfinite(spread) and spread > 0 else 0.0
 
 
-def planned(pair):
+def planned(pair, seed):
     """Plan that separates a pair, from one log of the six manoeuvres with the first of it hidden."""
     from benchmarks.plan.run import baseline, dataset
     from pycosim import plan
     from pycosim.identify import fit as identify
     true, other = pair
-    first = dataset(baseline(), 1000, "gravity_model", (rig.Effect(true[0], true[1], **true[2]),))
+    first = dataset(baseline(), seed, "gravity_model", (rig.Effect(true[0], true[1], **true[2]),))
     fit = identify(first, first.base, part="all")
     k = plan.known(first.study, first.library, first.base, first, fit)
     blocks = plan.rivals([(true[:2], other)], fits(first, (true[:2], other), true[2]))
-    found = plan.make_plan(k, "twins", 120.0, 100.0, blocks)
+    found = plan.make_plan(k, "twins", BUDGET, 100.0, blocks)
     return found.motion, plan.separations(found)
 
 
@@ -71,21 +77,24 @@ def report(pairs, seeds, pool):
 
     Parameters
     ----------
-    pairs, seeds : int
+    pairs : int
+    seeds : sequence of int
+        Of the log that is planned from, then of those that are looked at.
     pool : concurrent.futures.Executor
     """
     from benchmarks.plan.run import as_machine, baseline
-    print(f"\ntwins, {seeds} seeds: share in which the right one predicts unseen folds better, and by more than 1.645 "
-          "standard errors")
+    print(f"\ntwins, {len(seeds) - 1} seeds: share in which the right one predicts unseen folds better, and by more "
+          "than 1.645 standard errors")
     for pair in PAIRS[:pairs]:
-        motion, told = planned(pair)
+        motion, told = planned(pair, seeds[0])
         shares = []
         for m in (baseline(), as_machine(motion)):
-            rows = list(pool.map(case, [(m, s, pair) for s in range(seeds)]))
-            shares.append((np.mean([r[0] for r in rows]), np.mean([r[1] > 1.645 for r in rows])))
+            rows = list(pool.map(case, [(m, s, pair) for s in seeds[1:]]))
+            shares.append((np.mean([r[0] > SAME for r in rows]), np.mean([r[0] > SAME and r[1] > 1.645 for r in rows])))
         (true, other), (before, after) = pair, shares
         name = f"{true[0]}@{true[1]} not {other[0]}@{other[1]}"
-        predicted = min(s["difference"] for s in told)
+        least = min(told, key=lambda s: s["difference"])
         verdict = "separable" if all(s["separable"] for s in told) else "said to be inseparable"
-        print(f"{name:58s} six manoeuvres {before[0]:.2f} {before[1]:.2f}   plan {after[0]:.2f} {after[1]:.2f}   "
-              f"predicted {predicted:.1f} sigma, {verdict}", flush=True)
+        print(f"{name:58s} six manoeuvres {before[0]:.2f} {before[1]:.2f}  plan {after[0]:.2f} {after[1]:.2f}  "
+              f"predicted {least['difference']:.1f} sigma, {100 * least['share']:.2g} % not bent to, {verdict}",
+              flush=True)

@@ -56,6 +56,7 @@ CASES = {  # what is wrong: (old text, new text, what the sentence must name)
     "unknown trajectory": ('"backdrive"', '"backdive"', "closest: 'backdrive'"),
     "unknown option of a trajectory": ("{ cycle = 1.2", "{ cyle = 1.2", "closest: 'cycle'"),
     "option of another kind": ("{ cycle = 1.2", '{ cycle = "fast"', "cycle"),
+    "list for a number": ("{ cycle = 1.2", "{ cycle = [1.2]", "'cycle' must be a number, not [1.2]"),
     "motion for another rig": (MOTION, 'trajectory = "gait"\nmachine = "DriveTrain.Rigs.GearedJoint"\nrate = 200',
                                "hip and knee"),
     "share as text": ("parameters = { kp", 'options = { friction = "all" }\nparameters = { kp', "'friction'"),

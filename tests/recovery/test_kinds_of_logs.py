@@ -13,8 +13,6 @@ from pycosim.dataset import Dataset
 from pycosim.study import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
-# a machine whose paired passes raise a false alarm (load_hysteresis, p = 0.001), also beside an effect that is hidden
-ALARM = pytest.param(5, marks=pytest.mark.xfail(strict=True, reason="a false alarm of paired passes"))
 
 
 def hide(drawn, effect, place, seed, size=2.0):
@@ -67,7 +65,7 @@ def check(result, hidden):
     assert result.last.verdict == "nothing_missing", summary(result)
 
 
-@pytest.mark.parametrize("seed", [3, 4, ALARM])
+@pytest.mark.parametrize("seed", [3, 4, 5])
 def test_a_viscous_effect_is_found_without_torque_reference(tmp_path, seed):
     check(paired(tmp_path, seed, ("viscous", "1A")), ("viscous", "1A"))
 
@@ -77,13 +75,13 @@ def test_a_stribeck_effect_is_found_without_torque_reference(tmp_path, seed):
     check(paired(tmp_path, seed, ("stribeck", "2A")), ("stribeck", "2A"))
 
 
-@pytest.mark.parametrize("seed", [3, pytest.param(5, marks=pytest.mark.xfail(
-    run=False, reason="finds it, then three that are not there, in seven minutes"))])
+@pytest.mark.parametrize("seed", [3, 6, pytest.param(5, marks=pytest.mark.xfail(
+    strict=True, reason="finds it, at both motors with 1A for a twin, and then a second effect"))])
 def test_an_effect_of_the_load_is_found_without_torque_reference(tmp_path, seed):
     check(paired(tmp_path, seed, ("load_nonlinearity", "1A")), ("load_nonlinearity", "1A"))
 
 
-@pytest.mark.parametrize("seed", [3, 4, ALARM])
+@pytest.mark.parametrize("seed", [3, 4, 5])
 def test_nothing_is_missing_without_torque_reference(tmp_path, seed):
     result = paired(tmp_path, seed)
     assert result.first.verdict == "nothing_missing" and not told(result), summary(result)

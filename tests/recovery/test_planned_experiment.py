@@ -11,7 +11,7 @@ SEEDS = 4
 @pytest.fixture(scope="module", params=bench.REFERENCES)
 def fits(request):
     """Plan, its prediction, and fits of logs of the six manoeuvres and of the plan."""
-    found, predicted, _ = bench.planned(request.param)
+    found, predicted, _ = bench.planned(request.param, 1000)
     motions = {"six": bench.baseline(), "plan": bench.as_machine(found.motion)}
     rows = {k: [bench.case((m, s, request.param)) for s in range(SEEDS)] for k, m in motions.items()}
     return request.param, found, predicted, rows
@@ -38,12 +38,12 @@ def test_intervals_hold_the_truth_as_often_as_they_say(fits):
     assert np.mean(inside) > 0.8
 
 
-def test_with_a_reference_widths_come_out_as_predicted(fits):
+def test_widths_come_out_as_predicted(fits):
     reference, _, predicted, rows = fits
-    if reference == "unknown":
-        pytest.skip("half differences of quick passes hide the slow noise that a first log of long ones tells of")
-    realised = np.array([np.mean([r[n][1] for r in rows["plan"]]) for n in predicted.free])
-    assert abs(np.mean(np.log(predicted.stderr / realised))) < np.log(1.35)
+    own = [n for n in predicted.free if n in names(reference)]
+    realised = np.array([np.mean([r[n][1] for r in rows["plan"]]) for n in own])
+    told = predicted.stderr[[predicted.free.index(n) for n in own]]
+    assert abs(np.mean(np.log(told / realised))) < np.log(1.25)  # 1.2 is the aim; the noise of one log is in it
 
 
 def test_the_machine_makes_the_planned_motion_itself(fits):

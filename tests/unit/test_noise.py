@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from pycosim.noise import Noise, chained, fit_noise
+from pycosim.segmentation import Pairs
 
 RNG = np.random.default_rng(0)
 TIME = np.delete(np.arange(80) * 0.01, [20, 21, 22, *range(40, 55)])
@@ -22,11 +23,11 @@ def dense(linked):
 
 @pytest.mark.parametrize("linked", [True, False])
 def test_whitened_noise_is_white_and_its_transpose_the_transpose(linked):
-    gaps = chained(TIME, GROUP, linked)
-    matrix = NOISE.whiten(np.eye(len(TIME)), gaps).T
+    chain = chained(TIME, GROUP, linked)
+    matrix = NOISE.whiten(np.eye(len(TIME)), chain).T
     assert matrix @ dense(linked) @ matrix.T == pytest.approx(np.eye(len(TIME)), abs=1e-8)
     values = RNG.standard_normal(len(TIME))
-    assert NOISE.whiten_transposed(values, gaps) == pytest.approx(matrix.T @ values, abs=1e-8)
+    assert NOISE.whiten_transposed(values, chain) == pytest.approx(matrix.T @ values, abs=1e-8)
 
 
 @pytest.mark.parametrize("linked", [True, False])
@@ -36,9 +37,58 @@ def test_covariance_of_weighted_sums(linked):
     assert found == pytest.approx(rows @ dense(linked) @ rows.T, abs=1e-12)
 
 
+def halves(time, lag, noise):
+    """Covariance of half the differences of noise at these times and a lag later."""
+    def slow(a, b):
+        return noise.slow ** 2 * 2 * np.exp(-np.abs(a[:, None] - b) / noise.memory)
+    there, back = time, time + lag
+    across = slow(there, back)
+    return (slow(there, there) + slow(back, back) - across - across.T) / 4 + noise.white ** 2 * np.eye(len(time))
+
+
+def test_half_a_difference_of_ways_out_and_back_has_less_of_the_slow_part_near_the_turn():
+    time = np.delete(np.arange(60) * 0.01, [7, 8, 30])
+    lag = 2 * (0.65 - time)
+    chain, exact = chained(time, np.zeros(len(time)), False, lag), halves(time, lag, NOISE)
+    matrix = NOISE.whiten(np.eye(len(time)), chain).T
+    assert matrix @ exact @ matrix.T == pytest.approx(np.eye(len(time)), abs=1e-8)
+    rows = RNG.standard_normal((3, len(time)))
+    assert NOISE.covariance(rows, chain) == pytest.approx(rows @ exact @ rows.T, abs=1e-12)
+
+
+def test_the_estimate_finds_the_noise_of_half_differences():
+    rng, found, dt, n = np.random.default_rng(4), [], 0.01, 150
+    phi = np.exp(-dt / 0.5)
+    for _ in range(6):
+        shocks = rng.standard_normal(2 * n * 150) * np.sqrt(1 - phi ** 2)
+        raw = 0.7 * lfilter([1], [1, -phi], shocks) + rng.standard_normal(len(shocks))
+        out, back = raw.reshape(-1, 2, n)[:, 0], raw.reshape(-1, 2, n)[:, 1, ::-1]
+        time = dt * np.arange(len(raw)).reshape(-1, 2, n)
+        lag = time[:, 1, ::-1] - time[:, 0]
+        values = np.sqrt(2) * (out - back) / 2
+        noise = fit_noise(values.ravel(), chained(time[:, 0].ravel(), np.arange(150).repeat(n), False, lag.ravel()))
+        found.append((noise.white, noise.slow, noise.memory))
+    assert np.mean(found, axis=0) == pytest.approx([1.0, 0.7, 0.5], rel=0.1)
+
+
+def test_white_noise_of_interpolated_ways_back_is_that_of_their_means():
+    rng, n = np.random.default_rng(7), 4000
+    found = Pairs(np.arange(n), np.arange(n)[::-1] + n, np.arange(n)[::-1] + n + 1, np.linspace(0.1, 0.9, n))
+    ratio = []
+    for _ in range(200):
+        there, back = found.at(rng.standard_normal(2 * n + 1))
+        values = (there - back) / np.sqrt(2)
+        ratio.append(values.mean() ** 2 * n)
+    noise = fit_noise(values, chained(np.arange(n) * 0.01, np.zeros(n), False, np.full(n, 50.0), found.colour))
+    own = 0.5 + 0.5 * np.mean(found.weight ** 2 + (1 - found.weight) ** 2)
+    assert found.colour == pytest.approx(1 / own, rel=0.01)  # what is shared by neighbours comes on top
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.25)
+    assert noise.white == pytest.approx(1.0, abs=0.03) and noise.slow == 0.0
+
+
 def test_noise_starts_anew_where_time_runs_back_or_groups_are_not_linked():
-    gaps = chained(np.array([0, 1, 2, 0, 1, 5.0, 6]), np.array([0, 0, 0, 1, 1, 1, 2]), False)
-    assert gaps.tolist() == [np.inf, 1, 1, np.inf, 1, 4, np.inf]
+    chain = chained(np.array([0, 1, 2, 0, 1, 5.0, 6]), np.array([0, 0, 0, 1, 1, 1, 2]), False)
+    assert chain.gaps.tolist() == [np.inf, 1, 1, np.inf, 1, 4, np.inf]
 
 
 @pytest.mark.parametrize(("memory", "slow"), [(0.3, 0.5), (1.0, 0.3), (2.0, 0.7)])

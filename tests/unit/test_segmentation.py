@@ -237,10 +237,16 @@ def test_of_several_files_the_held_out_ones_are_the_test_part_else_every_fourth(
     blocks = seg.Blocks(np.arange(18), run, run * 0, run * 0.0, run * 0, run * 0.0, run * 0.0)
     assert set(run[seg.split(blocks, 9, [1, 5])]) == {1, 5}
     assert set(run[seg.split(blocks, 9)]) == {3, 7}
-    few = blocks.take(run < 3)
-    assert set(few.run[seg.split(few, 3)]) == {2}
     with pytest.raises(DataError, match="nothing is left to fit"):
         seg.split(blocks, 2, [0, 1])
+
+
+def test_of_fewer_than_four_files_none_is_held_out_as_a_whole():
+    run, line, repeat = np.array([0, 0, 0, 0, 1, 1, 1, 1]), np.array([0, 0, 1, 1, 2, 2, 3, 3]), np.tile([0, 1], 4)
+    blocks = seg.Blocks(np.arange(8), run, line, run * 0.0, repeat, run * 0.0, run * 0.0)
+    np.testing.assert_array_equal(seg.split(blocks, 2), repeat == 1)
+    means = blocks.take(repeat == 0)  # as of files of which each is one mean
+    np.testing.assert_array_equal(np.flatnonzero(seg.split(means.take(np.arange(4) < 3), 3)), [2])
 
 
 def test_folds_share_out_lines_and_speeds():
