@@ -18,6 +18,7 @@ from .residuals import Residuals, Term
 from .states import dependent_parameters, propagate
 
 FOLDS = 5
+JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 
 
 class Dataset:
@@ -55,7 +56,7 @@ class Dataset:
         self._derive()
         self._segment()
         self._split()
-        self._views = {}
+        self._views, self._slopes = {}, {}
 
     # ---- what is known, what is compared
 
@@ -223,14 +224,24 @@ class Dataset:
         signals = self.signals if signals is None else signals
         if not question.late:
             return signals
-        rest = {n: self._roughness(self.signals[n]) for n in question.late} if signals is self.signals else None
-        return undo(question, signals, self.time, self.run, parameters, rest)
+        return undo(question, signals, self.time, self.run, parameters, {n: self._slope(n) for n in question.late})
 
-    def _roughness(self, values):
-        """What changes from sample to sample within passes, as strong as its white noise, at every sample."""
-        third = np.diff(values, 3) / np.sqrt(20)
-        inside = (self.passes[3:] >= 0) & (self.passes[3:] == self.passes[:-3])
-        return np.roll(np.resize(third[inside], len(values)), len(values) // 3)  # that of other samples
+    def _slope(self, name):
+        """Slope of what the motion alone predicts of a signal, well inside the passes.
+
+        It is zero near their ends, where a torque recorded late jumps, and tells of that jump and of no slope.
+        """
+        if name not in self._slopes:
+            found, values = np.zeros(len(self.time)), self.exogenous()[name]
+            for s in contiguous(self.time, self.passes):
+                if self.passes[s.start] >= 0:
+                    time, v = self.time[s], values[s]
+                    reach = min(JUMP, 0.2 * (time[-1] - time[0]))
+                    inside = (time >= time[0] + reach) & (time <= time[-1] - reach) & (reach > 0)
+                    ahead, behind = (np.interp(time + sign * reach, time, v) for sign in (1, -1))
+                    found[s] = np.where(inside, ahead - behind, 0.0) / max(2 * reach, 1e-300)
+            self._slopes[name] = found
+        return self._slopes[name]
 
     def exogenous(self):
         """Signals with every measured torque replaced by what the motion alone predicts of it.

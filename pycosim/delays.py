@@ -1,12 +1,11 @@
 """Signals as they were recorded and a model with delays in; the signals at the time they tell of out.
 
-A delay is undone exactly, by moving the record in time along a cubic spline. The model's function then needs only the
-derivative by the delay, which is the slope of the spline.
+A delay is undone by moving the record in time: one without noise along a cubic spline, a measured one by whole samples,
+and between them along the slope of what the motion predicts. The model's function then needs only the derivative by the
+delay, which is that slope.
 """
 
 from __future__ import annotations
-
-from functools import cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -16,7 +15,7 @@ from .compile import ArrayFunction
 _LEAST = 8  # samples of a log that is moved
 
 
-def undo(question, signals, time, run, parameters, rest=None):
+def undo(question, signals, time, run, parameters, slopes=None):
     """Signals of a question with their delays undone.
 
     Parameters
@@ -26,9 +25,9 @@ def undo(question, signals, time, run, parameters, rest=None):
         As recorded.
     time, run : ndarray, shape (n,)
     parameters : dict of str to float
-    rest : dict of str to ndarray, optional
-        Noise alike that of the signals. A spline takes noise away between samples, which would look like a better fit;
-        as much of it is put back.
+    slopes : dict of str to ndarray, optional
+        Of those signals without their noise. A spline takes noise away between samples, which would look like a better
+        fit, and sees a slope where a torque jumps; with slopes, the nearest sample is taken along its own.
 
     Returns
     -------
@@ -42,32 +41,27 @@ def undo(question, signals, time, run, parameters, rest=None):
     values = ArrayFunction(chosen.output)([0.0] * (len(chosen.inputs) + len(chosen.states))
                                           + [float(parameters[n]) for n in chosen.parameters], 1)[:, 0]
     for name, delay in zip(question.late, values):
-        record = Record(time, signals[name], run)
-        found[name], found[f"der({name})"] = record.at(delay), record.at(delay, 1)
+        if slopes is None:
+            record = Record(time, signals[name], run)
+            found[name], found[f"der({name})"] = record.at(delay), record.at(delay, 1)
+        else:
+            near, apart = _nearest(time, run, delay)
+            slope = slopes[name][near]
+            found[name], found[f"der({name})"] = signals[name][near] + slope * apart, slope
         found[f"at({name})"] = float(delay)
-        if rest:
-            step = float(np.median(np.diff(time)))
-            found[name] = found[name] + np.sqrt(1 - kept(round(delay / step % 1, 6))) * rest[name]
     return found
 
 
-@cache
-def kept(fraction):
-    """Share of the power of white noise that a cubic spline keeps at a fraction of a sample.
-
-    Parameters
-    ----------
-    fraction : float
-        From 0 to 1.
-
-    Returns
-    -------
-    float
-        One at a sample itself.
-    """
-    impulse = np.zeros(41)
-    impulse[20] = 1.0
-    return min(1.0, float((CubicSpline(np.arange(41), impulse)(np.arange(5, 35) + fraction) ** 2).sum()))
+def _nearest(time, run, later):
+    """Samples nearest to a later time, log by log, and how much later that is than they are; none beyond the ends."""
+    near, apart = np.arange(len(time)), np.zeros(len(time))
+    for k in np.unique(run):
+        part = np.flatnonzero(run == k)
+        own = np.clip(time[part] + later, time[part[0]], time[part[-1]])
+        edges = (time[part][1:] + time[part][:-1]) / 2
+        near[part] = part[np.searchsorted(edges, own)]
+        apart[part] = own - time[near[part]]
+    return near, apart
 
 
 class Record:

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from pycosim.delays import Record, kept
 from pycosim.compile import Library, compile_model
+from pycosim.delays import Record, undo
 from pycosim.simulate import estimate
 
 TIME = np.arange(0, 4, 0.01)
 ONE = np.zeros(len(TIME))
+RIG = "DriveTrain.Rigs.GearedJoint"
 
 
 @pytest.mark.parametrize("later", [-0.0137, 0.004, 0.05])
@@ -26,17 +27,22 @@ def test_one_log_does_not_reach_into_the_next():
     np.testing.assert_allclose(moved, run, atol=1e-12)
 
 
-def test_the_share_of_noise_that_is_kept_is_that_of_a_simulation():
-    noise = np.random.default_rng(0).standard_normal(200_000)
-    moved = Record(np.arange(200_000.0), noise, np.zeros(200_000)).at(0.5)
-    assert kept(0.0) == pytest.approx(1.0)
-    assert moved.var() / noise.var() == pytest.approx(kept(0.5), rel=0.01)
+@pytest.mark.parametrize("d", [0.02, 0.023, 0.0262, 0.0279])
+def test_a_noisy_record_is_moved_along_its_slope_and_keeps_its_noise(d):
+    late = compile_model(Library(), RIG, [("time_delay", "torque")])
+    noise = np.random.default_rng(0).standard_normal(len(TIME))
+    signals = {"motor.tau": np.sin(2 * (TIME - 0.023)) + noise}
+    moved = undo(late.question("estimate"), signals, TIME, ONE,
+                 {**{n: v.value for n, v in late.parameters.items()}, "time_delay_torque.d": d},
+                 {"motor.tau": 2 * np.cos(2 * (TIME - 0.023))})
+    left = (moved["motor.tau"] - np.sin(2 * (TIME + d - 0.023)))[5:-5]
+    shift = round(d / 0.01)
+    np.testing.assert_allclose(left, noise[5 + shift:len(TIME) - 5 + shift], atol=1e-4)
 
 
 def test_a_model_with_a_delay_takes_the_torques_of_the_delayed_time():
     library = Library()
-    rig = "DriveTrain.Rigs.GearedJoint"
-    late, bare = compile_model(library, rig, [("time_delay", "torque")]), compile_model(library, rig)
+    late, bare = compile_model(library, RIG, [("time_delay", "torque")]), compile_model(library, RIG)
     motion = {"motor.phi": TIME, "der(motor.phi)": 1.0, "der(der(motor.phi))": 0.0}
     d = 0.023
     a = estimate(late, {**motion, "motor.tau": np.sin(2 * (TIME - d))}, TIME, {"time_delay_torque.d": d})
