@@ -318,7 +318,7 @@ class _Means:
         length = np.diff(edges)
         if length.max() < 8:
             return None
-        least = 4 if chain.colour > 1 else 1  # neighbours in common are no slow noise
+        least = math.ceil(3 * chain.colour) if chain.colour > 1 else 1  # samples in common are no slow noise
         size = int(min(max(len(residual) // BLOCKS, least), LONGEST, max(np.median(length) // 4, 1)))
         pieces = [(a, n // size) for a, n in zip(edges[:-1].tolist(), length.tolist()) if n >= size]
         pieces = pieces[::max(1, round(sum(n for _, n in pieces) / BLOCKS))]
@@ -330,7 +330,7 @@ class _Means:
         apart = np.diff(clock[begins])
         apart[np.abs(apart - size * step) < 0.5 * step] = size * step
         within = float(((values - values.mean(1, keepdims=True)) ** 2).sum())
-        within *= chain.colour / (1 - (chain.colour - 1) / size)
+        within *= chain.colour / max(1 - (chain.colour - 1) / size, 0.5)
         lags = None if chain.lags is None else chain.lags[index].mean(1)
         return cls(rows, Chain(np.r_[math.inf, apart], lags), step, size, within, len(begins) * (size - 1),
                    step * max(size / 4, 0.4), float(regular.sum()))

@@ -151,5 +151,5 @@ def _told(s):
                 "noise: they can be told apart.")
     why = ("the one can bend to the other: the same torque on every motion that was found within the limits"
            if s["time"] is None else "the difference is smaller than the noise within this budget; about "
-           f"{s['time']:.0f} s of such motion would tell")
+           f"{number(s['time'])} s of such motion would tell")
     return f"{s['true']} and {s['other']} stay alike, {s['difference']:.1f} standard deviations apart: {why}."

@@ -232,7 +232,7 @@ def gait(model, values, rate, duration=10.0, cycle=1.6, load=30.0, start=2.0):
     return Trajectory(time, columns, (phase >= 0.6).astype(int), ["stance", "swing"])
 
 
-def hold(model, values, rate, duration=10.0, posture=0.5, load=0.0, ramp=1.0):
+def hold(model, values, rate, duration=10.0, posture=(0.5,), load=(0.0,), ramp=1.0):
     """Hold a posture while torques from outside grow, stay, and go again.
 
     Parameters
@@ -264,7 +264,7 @@ def hold(model, values, rate, duration=10.0, posture=0.5, load=0.0, ramp=1.0):
     return Trajectory(time, columns, np.zeros(len(time), int), ["rest"])
 
 
-def backdrive(model, values, rate, duration=10.0, posture=0.5, amplitude=0.3, cycle=4.0):
+def backdrive(model, values, rate, duration=10.0, posture=(0.5,), amplitude=(0.3,), cycle=(4.0,)):
     """Move the joints to and fro about a posture, each with its own period.
 
     Parameters
@@ -385,9 +385,10 @@ def make(kind, model, values, rate, duration=None, **options):
         each = value if isinstance(value, (list, tuple)) else [value]
         right = [isinstance(v, Integral if whole else Real) and not isinstance(v, bool) and math.isfinite(v)
                  for v in each]
-        if not right or not all(right) or several != (each is value):
-            what = "a list of numbers" if several else "a whole number" if whole else "a number"
+        if not right or not all(right) or (each is value and not several):
+            what = "a number or a list of numbers" if several else "a whole number" if whole else "a number"
             raise DataError(f"the trajectory '{kind}': '{name}' must be {what}, not {value!r}")
+        options[name] = each if several else value
     if duration is not None:
         options["duration"] = duration
     return TRAJECTORIES[kind](model, values, rate, **options)
