@@ -56,7 +56,7 @@ CASES = {  # what is wrong: (old text, new text, what the sentence must name)
     "unknown trajectory": ('"backdrive"', '"backdive"', "closest: 'backdrive'"),
     "unknown option of a trajectory": ("{ cycle = 1.2", "{ cyle = 1.2", "closest: 'cycle'"),
     "option of another kind": ("{ cycle = 1.2", '{ cycle = "fast"', "cycle"),
-    "truth for a number": ("{ cycle = 1.2", "{ cycle = true", "'cycle' must be a number or a list of numbers, not True"),
+    "truth for a number": ("{ cycle = 1.2", "{ cycle = true", "'cycle' must be a number or a list of numbers"),
     "lists for a number": ("{ cycle = 1.2", "{ cycle = [[1.2]]", "not [[1.2]]"),
     "motion for another rig": (MOTION, 'trajectory = "gait"\nmachine = "DriveTrain.Rigs.GearedJoint"\nrate = 200',
                                "hip and knee"),
