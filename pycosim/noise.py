@@ -3,8 +3,8 @@
 The slow part remembers across the gaps between passes and across what a recorder missed; only unrelated records (other
 runs, other pairs of passes) start anew. Half the difference of a way out and its way back forgets as either way does,
 and holds the less of the slow part the less time lies between its two samples. Whitening and covariance are exact for
-such samples (of half differences: where both ways take equal times), through the filter of the slow part (Kalman), whose
-recursions are solved as banded systems.
+such samples (of half differences: where both ways take equal times), through the filter of the slow part (Kalman),
+whose recursions are solved as banded systems.
 """
 
 from __future__ import annotations
