@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pycosim.compile import Library, catalogue, compile_model
-from pycosim.simulate import estimate
+from pycosim.dynamics.simulate import estimate
 
 RIG = "DriveTrain.Rigs.HipKnee"
 # effect: place, coefficients, output, variable to show it over

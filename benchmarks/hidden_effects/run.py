@@ -35,10 +35,11 @@ def run(case):
     dict
         A row of the table.
     """
-    from pycosim import identify, improve
+    from pycosim.fit import least_squares
+    from pycosim.diagnosis import search
     from pycosim.compile import Library
-    from pycosim.dataset import Dataset
-    from pycosim.study import load_study
+    from pycosim.data.dataset import Dataset
+    from pycosim.study.schema import load_study
     row = {"kind": case.kind, "effects": list(case.effects), "seed": case.seed, "half": case.half}
     try:
         drawn = cases.draw(case)
@@ -50,9 +51,9 @@ def run(case):
         rig.write_csv(cases.log(drawn, case.seed, reference=None if case.kind == "paired" else "gravity_model"), path)
         data = Dataset(given.with_data([path]), library)
     if case.kind == "paper":
-        return {**row, "base": _base(identify.fit(data, data.base), drawn.machine)}
+        return {**row, "base": _base(least_squares.fit(data, data.base), drawn.machine)}
     start = time.perf_counter()
-    result = improve.improve(data)
+    result = search.improve(data)
     row |= {"seconds": time.perf_counter() - start, "samples": len(data.time), "sizes": drawn.sizes,
             "short": drawn.short, "hidden": [[h.id, h.place] for h in drawn.hidden],
             "truth": [dict(h.coefficients) for h in drawn.hidden]}
@@ -112,12 +113,13 @@ def true_error(data, given, library, hidden):
     -------
     dict of str to float
     """
-    from pycosim import compare, identify
+    from pycosim.diagnosis import compare
+    from pycosim.fit import least_squares
     from pycosim.compile import compile_model
     model = compile_model(library, given.rig, [(h.id, h.place) for h in hidden])
     start = {n: v for h in hidden for n, v in ((f"{h.id}_{h.place.replace('+', '_')}.{c}", h[c])
                                                for c in h.coefficients)}
-    return compare.errors(data, model, identify.fit(data, model, start), "test")
+    return compare.errors(data, model, least_squares.fit(data, model, start), "test")
 
 
 def right(row):

@@ -35,19 +35,20 @@ def log(seed, folder, reference=None):
 
 def case(seed):
     """Identify one log without its reference; returns values, intervals and the errors with it."""
-    from pycosim import compare, identify
+    from pycosim.diagnosis import compare
+    from pycosim.fit import least_squares
     from pycosim.compile import Library
-    from pycosim.dataset import Dataset
-    from pycosim.study import load_study
+    from pycosim.data.dataset import Dataset
+    from pycosim.study.schema import load_study
     study, library = load_study(STUDY), Library()
     with tempfile.TemporaryDirectory() as folder:
         blind = Dataset(study.with_data([log(seed, folder)]), library)
         seeing = Dataset(study.with_data([log(seed, folder, "gravity_model")]), library)
-    fit = identify.fit(blind, blind.base, part="all")
+    fit = least_squares.fit(blind, blind.base, part="all")
     found = {n: (fit.parameters[n], *fit.interval(n), fit.identifiable(n)) for n in fit.free}
     found["sum"] = combination(fit)
     found["null"] = [dict(zip(fit.free, d)) for d in fit.null_directions]
-    ideal = identify.fit(seeing, seeing.base, {n: 0.0 if n.endswith("f0") else 1.0 for n in fit.free}, free=[])
+    ideal = least_squares.fit(seeing, seeing.base, {n: 0.0 if n.endswith("f0") else 1.0 for n in fit.free}, free=[])
     found["errors"] = [compare.errors(seeing, seeing.base, f, "all") for f in (ideal, fit)]
     spans = {c: float(np.ptp(seeing.reference(c)[seeing.view("all")])) for c in seeing.channels}
     found["ranges"] = spans

@@ -50,14 +50,14 @@ def as_machine(motion, rate=100.0):
 
 def study(reference):
     """The example's study, with or without a reference of the joint torques."""
-    from pycosim.study import load_study
+    from pycosim.study.schema import load_study
     return replace(load_study(STUDY), reference=reference)
 
 
 def dataset(motions, seed, reference, effects=(), study_of=study):
     """Logs of the machine as a data set; `motions` is one, or several that are made one after the other."""
     from pycosim.compile import Library
-    from pycosim.dataset import Dataset
+    from pycosim.data.dataset import Dataset
     motions = motions if isinstance(motions, list) else [motions]
     with tempfile.TemporaryDirectory() as folder:
         paths = [Path(folder) / f"log{k}.csv" for k in range(len(motions))]
@@ -69,14 +69,15 @@ def dataset(motions, seed, reference, effects=(), study_of=study):
 
 def planned(reference, seed, criterion="intervals"):
     """Plan of the baseline's duration, made from one log of the baseline, and its predicted fit of everything."""
-    from pycosim import identify, plan
-    from pycosim.plan_prediction import expected, predicted_fit
+    from pycosim.fit import least_squares
+    from pycosim.design import optimiser
+    from pycosim.design.prediction import expected, predicted_fit
     first = dataset(baseline(), seed, reference)
-    fit = identify.fit(first, first.base, part="all")
-    k = plan.known(first.study, first.library, first.base, first, fit)
-    k.prior = plan.prior_of(None, k.free, fit.variables)  # the new log is to stand alone, as the baseline does
+    fit = least_squares.fit(first, first.base, part="all")
+    k = optimiser.known(first.study, first.library, first.base, first, fit)
+    k.prior = optimiser.prior_of(None, k.free, fit.variables)  # the new log is to stand alone, as the baseline does
     start = time.monotonic()
-    found = plan.make_plan(k, budget=float(baseline().time[-1]), criterion=criterion)
+    found = optimiser.make_plan(k, budget=float(baseline().time[-1]), criterion=criterion)
     took = time.monotonic() - start
     log = expected(k.study, k.library, k.asked, k.workspace.kinematics, k.model, k.values, found.motion)
     return found, predicted_fit(log, k.model, k.free, k.values, k.noise, "all"), took
@@ -84,10 +85,10 @@ def planned(reference, seed, criterion="intervals"):
 
 def case(arguments):
     """Fit of one log: standard errors, values, intervals, and the combination of both distal losses."""
-    from pycosim import identify
+    from pycosim.fit import least_squares
     motion, seed, reference = arguments
     log = dataset(motion, seed, reference)
-    fit = identify.fit(log, log.base, part="all")
+    fit = least_squares.fit(log, log.base, part="all")
     value, low, high, _ = combination(fit)
     found = {n: (fit.unbounded[k], fit.stderr[k], *fit.interval(n)) for k, n in enumerate(fit.free)}
     found["sum"] = (value, (high - low) / 3.92, low, high)

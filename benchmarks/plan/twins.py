@@ -28,10 +28,10 @@ PAIRS = [
 
 def fits(data, pair, truth):
     """Both rivals, fitted to a data set from the values of the first."""
-    from pycosim import identify
+    from pycosim.fit import least_squares
     from pycosim.compile import Library, compile_model, component_name
     found, library = {}, Library()
-    base = identify.fit(data, data.base, part="all")
+    base = least_squares.fit(data, data.base, part="all")
     for key in pair:
         model = compile_model(library, data.study.rig, [key])
         name, start = component_name(*model.attached[0]), dict(base.parameters)
@@ -39,14 +39,14 @@ def fits(data, pair, truth):
         for c in dict.fromkeys((*effect.size, *effect.scan)):
             v = model.parameters[f"{name}.{c}"]
             start[v.name] = truth.get(c, v.value + 0.3 * v.nominal) if key == pair[0] else v.value + 0.3 * v.nominal
-        found[key] = model, identify.fit(data, model, start, part="all")
+        found[key] = model, least_squares.fit(data, model, start, part="all")
     return found
 
 
 def case(arguments):
     """Variances of the noise by which the right one of two is better on unseen folds, and over their spread."""
     from benchmarks.plan.run import baseline, dataset
-    from pycosim.diagnose import difference, select
+    from pycosim.diagnosis.diagnose import difference, select
     motion, seed, (true, other) = arguments
     key = true[:2]
     data = dataset([baseline(), motion], seed, "gravity_model", (rig.Effect(key[0], key[1], **true[2]),))
@@ -61,15 +61,15 @@ def case(arguments):
 def planned(pair, seed):
     """Plan that separates a pair, from one log of the six manoeuvres with the first of it hidden."""
     from benchmarks.plan.run import baseline, dataset
-    from pycosim import plan
-    from pycosim.identify import fit as identify
+    from pycosim.design import optimiser
+    from pycosim.fit.least_squares import fit as identify
     true, other = pair
     first = dataset(baseline(), seed, "gravity_model", (rig.Effect(true[0], true[1], **true[2]),))
-    fit = identify(first, first.base, part="all")
-    k = plan.known(first.study, first.library, first.base, first, fit)
-    blocks = plan.rivals([(true[:2], other)], fits(first, (true[:2], other), true[2]))
-    found = plan.make_plan(k, "twins", BUDGET, 100.0, blocks)
-    return found.motion, plan.separations(found)
+    fit = least_squares(first, first.base, part="all")
+    k = optimiser.known(first.study, first.library, first.base, first, fit)
+    blocks = optimiser.rivals([(true[:2], other)], fits(first, (true[:2], other), true[2]))
+    found = optimiser.make_plan(k, "twins", BUDGET, 100.0, blocks)
+    return found.motion, optimiser.separations(found)
 
 
 def report(pairs, seeds, pool):

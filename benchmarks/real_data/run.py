@@ -19,21 +19,21 @@ DATA = ROOT.parent / "shared" / "data"
 
 def ladder(study):
     """Improve a study; returns the improvement."""
-    from pycosim import improve
+    from pycosim.diagnosis import search
     from pycosim.compile import Library
-    from pycosim.dataset import Dataset
-    return improve.improve(Dataset(study, Library()))
+    from pycosim.data.dataset import Dataset
+    return search.improve(Dataset(study, Library()))
 
 
 def screw(number):
     """The study of a drive."""
-    from pycosim.study import load_study
+    from pycosim.study.schema import load_study
     return load_study(ROOT / "examples" / "screw_drives" / f"drive{number}.toml")
 
 
 def servo_splits(key):
     """Studies of the servo that hold out the runs of one value of a key at a time."""
-    from pycosim.study import load_study
+    from pycosim.study.schema import load_study
     study = load_study(ROOT / "examples" / "servo_pendulum" / "study.toml")
     runs = [*study.runs, *study.held_out]
     values = {path: json.loads(path.read_text())[key] for path in runs}

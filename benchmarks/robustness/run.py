@@ -16,7 +16,7 @@ from pathlib import Path
 from pycosim.compile import Library
 from pycosim.export.description import describe
 from pycosim.export.source import sources
-from pycosim.study import Study
+from pycosim.study.schema import Study
 
 SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 RACES = ["-g", "-O1", "-fsanitize=thread"]

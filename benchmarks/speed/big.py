@@ -53,19 +53,19 @@ def write(folder, rows):
 
 def task(name, path):
     """What is measured, in a process of its own; prints a line of JSON."""
-    from pycosim import improve
+    from pycosim.diagnosis import search
     from pycosim.compile import Library
-    from pycosim.dataset import Dataset
-    from pycosim.measurements import read_log
+    from pycosim.data.dataset import Dataset
+    from pycosim.data.logs import read_log
     from pycosim.report.page import write_report
-    from pycosim.study import load_study
+    from pycosim.study.schema import load_study
     study, told, start = load_study(STUDY).with_data([path]), "", time.perf_counter()
     if name == "read":
         log = read_log(path, study)
         told = f"{len(log.time)} samples, {log.meta or 'row by row'}"
     else:
         data = Dataset(study, Library())
-        result = improve.improve(data)
+        result = search.improve(data)
         told = ", ".join([result.first.verdict, *("@".join(s.added) for s in result.steps[1:]), result.last.verdict])
         begin, page = time.perf_counter(), Path(path).with_suffix(".html")
         write_report(page, data, result, "pycosim report study.toml")

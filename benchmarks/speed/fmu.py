@@ -20,7 +20,7 @@ import numpy as np
 from pycosim.compile import Library
 from pycosim.export.build import FLAGS, compiler, host
 from pycosim.export.fmu import export_fmu
-from pycosim.study import Study
+from pycosim.study.schema import Study
 
 STEPS = 20000
 _DRIVER = r"""
@@ -185,7 +185,7 @@ def _alone(plant, k, steps):
 
 def in_python(model, folder):
     """The same equations as an FMU made with pythonfmu3, stepped the same way; None where it is not installed."""
-    from pycosim.simulate import dynamics
+    from pycosim.dynamics.simulate import dynamics
     d = dynamics(model)
     folder = Path(folder)
     d.step.save(str(folder / "step.casadi"))

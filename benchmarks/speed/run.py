@@ -25,8 +25,8 @@ START = [0.05, 0.05, 0.01, 0.01, 0.95, 0.95, 0.97, 0.97]
 def data(samples, folder, effects=()):
     """A data set of about so many samples at 100 Hz."""
     from pycosim.compile import Library
-    from pycosim.dataset import Dataset
-    from pycosim.study import load_study
+    from pycosim.data.dataset import Dataset
+    from pycosim.study.schema import load_study
     rng = np.random.default_rng(0)
     repeats = max(1, round(samples / 21700))
     rate = 100.0 * min(1.0, samples / 21700)
@@ -71,7 +71,8 @@ def least(function, times=3):
 
 def main():
     """Print the table."""
-    from pycosim import diagnose, identify
+    from pycosim.diagnosis import diagnose
+    from pycosim.fit import least_squares
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", nargs="*", type=int, default=[10000, 86000, 100000, 1000000])
     args = parser.parse_args()
@@ -81,7 +82,7 @@ def main():
         with tempfile.TemporaryDirectory() as folder:
             dataset = data(samples, folder)
         slow, reference = least(lambda: baseline(dataset), 2)
-        fast, fit = least(lambda: identify.fit(dataset, dataset.base, part="all"))
+        fast, fit = least(lambda: least_squares.fit(dataset, dataset.base, part="all"))
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         ranking, _ = least(lambda: diagnose.diagnose(dataset, dataset.base, fit), 2)
         print(f"{len(dataset.time):9d} {slow:9.2f} {fast:9.3f} {slow / fast:7.1f} "

@@ -74,7 +74,7 @@ int main(int argc, char **argv) {
 def in_c(model, steps):
     """Microseconds of a step, an estimate, a memcpy and a multiplication, and the largest error of a step."""
     from pycosim.export.c import export_c
-    from pycosim.simulate import dynamics
+    from pycosim.dynamics.simulate import dynamics
     d, asked = dynamics(model), model.question("estimate")
     sizes = {"NP": model.parameters, "NX": d.states, "NZ": d.algebraic, "NU": d.inputs, "NI": asked.inputs,
              "NO": asked.outputs, "NS": asked.states}
@@ -90,7 +90,7 @@ def in_c(model, steps):
 
 def in_python(model, steps=300):
     """Microseconds of a step called from Python, as a Python FMU would; and of a step within `simulate`."""
-    from pycosim.simulate import dynamics, simulate
+    from pycosim.dynamics.simulate import dynamics, simulate
     d, best, inside = dynamics(model), math.inf, math.inf
     q = d.prepare([v.value for v in model.parameters.values()])
     clock = np.arange(steps + 1) * 1e-3

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from pycosim.compile import Library, compile_model, component_name
-from pycosim.simulate import compensate, estimate
+from pycosim.dynamics.simulate import compensate, estimate
 
 RIG = Path(__file__).parent / "Barrier.mo"
 HIDDEN = ("torque_ripple", "motor", {"A": 0.02, "n": 1.0, "phase": 0.6})  # N.m, cycles a revolution, rad

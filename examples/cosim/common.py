@@ -5,8 +5,8 @@ from fractions import Fraction
 from pathlib import Path
 
 from pycosim.compile import Library
-from pycosim.cosimulate import cosimulate
-from pycosim.scenario import Column, load_scenario
+from pycosim.cosim.master import cosimulate
+from pycosim.cosim.scenario import Column, load_scenario
 
 HERE = Path(__file__).parent
 IMAGES = HERE.parents[1] / "docs" / "images"

@@ -15,12 +15,12 @@ from common import HERE, IMAGES, T_R, changed, logged
 from draw import simplified as figure
 from draw import write
 
-from pycosim import identify
+from pycosim.fit import least_squares
 from pycosim.compile import ArrayFunction, Library, compile_model
-from pycosim.dataset import Dataset
+from pycosim.data.dataset import Dataset
 from pycosim.export.description import values
-from pycosim.simulate import estimate
-from pycosim.study import load_study
+from pycosim.dynamics.simulate import estimate
+from pycosim.study.schema import load_study
 
 BINS = 8
 
@@ -49,7 +49,7 @@ def fitted(rig, library, run, path):
     study = load_study(HERE.parent / "hip_knee" / "study.toml").with_data([path])
     study = replace(study, rig=rig, reference="sensor")
     dataset = Dataset(study, library)
-    fit = identify.fit(dataset, study.validate(library))
+    fit = least_squares.fit(dataset, study.validate(library))
     return fit.parameters, fit.error
 
 

@@ -14,15 +14,15 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pycosim import identify
+from pycosim.fit import least_squares
 from pycosim.compile import Library, compile_model, component_name
-from pycosim.cosimulate import cosimulate
-from pycosim.dataset import Dataset
-from pycosim.diagnose import diagnose
-from pycosim.plan import known, make_plan
-from pycosim.plan_results import csv
-from pycosim.scenario import load_scenario
-from pycosim.study import load_study
+from pycosim.cosim.master import cosimulate
+from pycosim.data.dataset import Dataset
+from pycosim.diagnosis.diagnose import diagnose
+from pycosim.design.optimiser import known, make_plan
+from pycosim.report.plan_results import csv
+from pycosim.cosim.scenario import load_scenario
+from pycosim.study.schema import load_study
 
 HERE = Path(__file__).parent
 STUDY = HERE.parent / "hip_knee" / "study.toml"
@@ -63,7 +63,7 @@ def unseen(dataset, model, fit):
         larger = compile_model(dataset.library, model.rig, [*((e.id, p.name) for e, p in model.attached), key])
         effect, place = larger.attached[-1]
         name = f"{component_name(effect, place)}.{effect.size[0]}"
-        fitted = identify.fit(dataset, larger, fit.parameters)
+        fitted = least_squares.fit(dataset, larger, fit.parameters)
         found["@".join(key)] = 3.6 * float(fitted.stderr[fitted.free.index(name)])
     return found
 
@@ -79,7 +79,7 @@ def learn(study, library):
     while True:
         dataset = Dataset(study, library)
         model = study.validate(library)
-        fit = identify.fit(dataset, model)
+        fit = least_squares.fit(dataset, model)
         found = diagnose(dataset, model, fit, study.seed)
         if found.winner is None:
             return study, dataset, model, fit, found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..study import LOG_VARIABLES, Column
+from ..study.schema import LOG_VARIABLES, Column
 
 # words of a column's name that tell what it is: last part of a variable's name, its unit
 WORDS = {"phi": ("theta", "phi", "angle", "pos", "position", "enc", "encoder"),

@@ -8,14 +8,14 @@ from pathlib import Path
 
 from nicegui import run, ui
 
-from .. import results
-from ..compare import worded
+from ..report import results
+from ..diagnosis.compare import worded
 from ..compile import compile_model, find_effect
-from ..dependence import noise_floor
-from ..errors import PycosimError
+from ..diagnosis.dependence import noise_floor
+from ..core.errors import PycosimError
 from ..report import charts
-from ..start import rigs
-from ..study import Column
+from ..study.template import rigs
+from ..study.schema import Column
 from .jobs import Cancelled, Job
 from .mapping import wanted
 from .workbench import Given, Workbench

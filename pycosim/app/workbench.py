@@ -11,18 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import identify, results
+from ..fit import least_squares
+from ..report import results
 from ..compile import Library, compile_model
-from ..dataset import Dataset
-from ..diagnose import Finding, _nudged, diagnose
-from ..errors import PycosimError, StudyError
+from ..data.dataset import Dataset
+from ..diagnosis.diagnose import Finding, _nudged, diagnose
+from ..core.errors import PycosimError, StudyError
 from ..export import export
-from ..improve import step_of
-from ..measurements import load
-from ..readers import read_parts
+from ..diagnosis.search import step_of
+from ..data.logs import load
+from ..data.readers import read_parts
 from ..report import values
-from ..start import first_parameters, rigs
-from ..study import Setting, Study, load_study, write_study
+from ..study.template import first_parameters, rigs
+from ..study.schema import Setting, Study, load_study, write_study
 from .mapping import suggest, wanted
 
 FEW = 200  # samples below which a region says nothing
@@ -93,7 +94,7 @@ class Workbench:
         say("reading the logs")
         dataset = Dataset(study, library, load(study))
         say("fitting")
-        step = step_of(dataset, model, identify.fit(dataset, model))
+        step = step_of(dataset, model, least_squares.fit(dataset, model))
         say("done")
         self.library, self.study, self.dataset, self.steps, self.found = library, study, dataset, [step], None
 
@@ -209,7 +210,7 @@ class Workbench:
         model = compile_model(self.library, self.study.rig, [*attached, (effect, place)])
         known = next((f for f in self.found.candidates if f.key == (effect, place)), None) if self.found else None
         start = {**step.fit.parameters, **(known.start if known else {})}
-        fit = identify.fit(self.dataset, model, known.fit.parameters if known and known.fit
+        fit = least_squares.fit(self.dataset, model, known.fit.parameters if known and known.fit
                            else _nudged(start, model, known))
         say("computing errors")
         added = step_of(self.dataset, model, fit, known or Finding(effect, place))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from ..errors import UnknownNameError, closest
+from ..core.errors import UnknownNameError, closest
 
 
 PARTNER = "partner"  # connector that goes to the other component of a pair

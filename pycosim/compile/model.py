@@ -8,9 +8,9 @@ from functools import cached_property
 
 import casadi as ca
 
-from .. import cache
-from ..errors import ModelicaError, StudyError, UnknownNameError, closest
-from ..variables import Variable
+from ..core import cache
+from ..core.errors import ModelicaError, StudyError, UnknownNameError, closest
+from ..core.units import Variable
 from .effects import (_members, annotation, catalogue, component_name, component_names, extend, find_place,
                       is_connector, is_effect, ports)
 from .solve import der, solve

@@ -17,9 +17,9 @@ import pymoca.tree
 from pymoca.backends.casadi._options import _merge_default_options
 from pymoca.backends.casadi.generator import Generator, GeneratorWalker
 
-from .. import cache
-from ..errors import ModelicaError, UnknownNameError, closest
-from ..variables import Variable
+from ..core import cache
+from ..core.errors import ModelicaError, UnknownNameError, closest
+from ..core.units import Variable
 
 logging.getLogger("pymoca").setLevel(logging.CRITICAL)
 LIBRARY = Path(__file__).parents[1] / "modelica"

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
-from ..errors import ModelicaError
+from ..core.errors import ModelicaError
 
 
 @dataclass

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..errors import ExportError
+from ..core.errors import ExportError
 
 __all__ = ["Export", "export"]
 

@@ -13,8 +13,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from .. import cache
-from ..errors import ExportError
+from ..core import cache
+from ..core.errors import ExportError
 
 FLAGS = ["-std=c99", "-O2", "-g0", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off"]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import casadi as ca
 
-from ..controllers import Block
-from ..variables import Variable
+from ..control.controllers import Block
+from ..core.units import Variable
 from .description import Entry, Plant, _depend, _derivatives
 from .fmu import contents, write_fmu
 

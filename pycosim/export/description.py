@@ -10,9 +10,9 @@ import casadi as ca
 
 from ..compile import solve
 from ..compile.effects import component_name, is_effect, _members
-from ..errors import StudyError
-from ..simulate import dynamics
-from ..variables import Variable
+from ..core.errors import StudyError
+from ..dynamics.simulate import dynamics
+from ..core.units import Variable
 from .units import rate as unit_of_rate
 
 STEP = "solver.step"

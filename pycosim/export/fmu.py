@@ -7,7 +7,7 @@ import tempfile
 import zipfile
 from pathlib import Path
 
-from ..errors import ExportError
+from ..core.errors import ExportError
 from . import xml
 from .build import binaries
 from .description import c_name, describe

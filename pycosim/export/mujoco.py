@@ -16,8 +16,8 @@ import numpy as np
 
 from .. import __version__
 from ..compile.effects import _members, annotation, component_names
-from ..errors import StudyError
-from ..simulate import dynamics
+from ..core.errors import StudyError
+from ..dynamics.simulate import dynamics
 from .description import system
 
 _FAST = (20.0, 40.0)  # rad/s; speeds where what friction does at low speed is over

@@ -7,8 +7,9 @@ import xml.etree.ElementTree as xml
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .. import __version__, controllers
-from ..errors import ModelicaError, StudyError
+from .. import __version__
+from ..control import controllers
+from ..core.errors import ModelicaError, StudyError
 from . import units
 from .controller import export_block
 from .description import describe, values

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..compare import branches, unit_of, worded
+from ..diagnosis.compare import branches, unit_of, worded
 from . import values
 
 # every pair of ink and paper has a contrast of 4.5 and more; hues as of Okabe and Ito

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
-from ..compare import branches, unit_of, worded
-from ..dependence import explanations, noise_floor
+from ..diagnosis.compare import branches, unit_of, worded
+from ..diagnosis.dependence import explanations, noise_floor
 from .values import (_quiet, _share, binned, envelope, half_energy, ideal, interval_rows, outputs, passes, planes,
                      residual_map, residual_of, signature_values, signed_shares)
 

@@ -15,8 +15,9 @@ import numpy as np
 import pandas as pd
 from jinja2 import Environment, FileSystemLoader
 
-from .. import __version__, results
-from ..compare import worded
+from .. import __version__
+from . import results
+from ..diagnosis.compare import worded
 from ..compile import compile_model, find_effect
 from ..compile.effects import annotation
 from . import charts, values

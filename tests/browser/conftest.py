@@ -12,8 +12,9 @@ from urllib.request import urlopen
 
 import pytest
 
-from pycosim import demo, results
-from pycosim.cli import main
+from pycosim.cli import demo
+from pycosim.report import results
+from pycosim.cli.verbs import main
 from pycosim.compile import Library
 
 ROOT = Path(__file__).parents[2]

@@ -3,7 +3,7 @@
 import pytest
 
 from pycosim.compile import Library
-from pycosim.scenario import load_scenario
+from pycosim.cosim.scenario import load_scenario
 
 JOINT = """\
 duration = 1.2

@@ -3,7 +3,7 @@
 import pytest
 
 from conftest import JOINT
-from pycosim.cli import main
+from pycosim.cli.verbs import main
 
 PARTS = """\
 class Bad:

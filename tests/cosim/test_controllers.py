@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pycosim import controllers
+from pycosim.control import controllers
 from pycosim.compile import compile_model
-from pycosim.cosimulate import cosimulate
-from pycosim.errors import StudyError
-from pycosim.simulate import estimate
+from pycosim.cosim.master import cosimulate
+from pycosim.core.errors import StudyError
+from pycosim.dynamics.simulate import estimate
 
 GAIN = "parameters = { kp = 1.0, kd = 0.02, ki = 2.0 }"
 

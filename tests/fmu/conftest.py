@@ -9,7 +9,7 @@ from pycosim.compile import Library
 from pycosim.export import build
 from pycosim.export import fmu as fmu_module
 from pycosim.export.description import describe
-from pycosim.study import Setting, Study
+from pycosim.study.schema import Setting, Study
 
 from driver import Fmu
 

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from fmpy.build import build_platform_binary
 
-from pycosim.cli import main
+from pycosim.cli.verbs import main
 from pycosim.compile.parse import LIBRARY
-from pycosim.errors import ExportError
+from pycosim.core.errors import ExportError
 from pycosim.export import build, fmu as fmu_module
 from pycosim.export.description import describe
 from pycosim.export.modelica import to_modelica
 from pycosim.export.units import exponents
-from pycosim.study import Column
+from pycosim.study.schema import Column
 
 from driver import OK, Instance
 

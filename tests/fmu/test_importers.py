@@ -13,7 +13,7 @@ from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 
 from pycosim.export.description import values
-from pycosim.simulate import simulate
+from pycosim.dynamics.simulate import simulate
 
 from driver import EXPORTS
 

@@ -6,12 +6,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from pycosim.cli import main
-from pycosim.errors import StudyError
+from pycosim.cli.verbs import main
+from pycosim.core.errors import StudyError
 from pycosim.export.description import describe, values
 from pycosim.export.mujoco import to_mjcf
-from pycosim.simulate import simulate
-from pycosim.study import Setting
+from pycosim.dynamics.simulate import simulate
+from pycosim.study.schema import Setting
 
 ACCELERATIONS = {"GearedJoint": ["load.a"], "ServoPendulum": ["pendulum.a"], "ScrewDrive": ["motor.a"],
                  "HipKnee": ["leg.a_H", "leg.a_K"]}

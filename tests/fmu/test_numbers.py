@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pycosim.export.description import values
-from pycosim.simulate import simulate
+from pycosim.dynamics.simulate import simulate
 
 from driver import EXPORTS, OK, Instance
 

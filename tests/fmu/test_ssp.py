@@ -13,11 +13,11 @@ import pytest
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import find_components, read_ssd, read_ssv
 
-from pycosim.errors import StudyError
+from pycosim.core.errors import StudyError
 from pycosim.export import export
 from pycosim.export.description import values
 from pycosim.export.ssp import Part, export_ssp, read_part
-from pycosim.simulate import simulate
+from pycosim.dynamics.simulate import simulate
 
 
 @pytest.fixture(scope="module")

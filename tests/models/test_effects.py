@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from pycosim.compile import Library, catalogue, compile_model, places
 from pycosim.compile.solve import piecewise_linear
-from pycosim.errors import ModelicaError
-from pycosim.simulate import estimate
+from pycosim.core.errors import ModelicaError
+from pycosim.dynamics.simulate import estimate
 
 RIG = "DriveTrain.Rigs.HipKnee"
 LIBRARY = Library()

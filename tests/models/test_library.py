@@ -7,7 +7,7 @@ import pytest
 
 from pycosim.compile import Library, catalogue, component_name, places
 from pycosim.compile.parse import LIBRARY
-from pycosim.simulate import dynamics, estimate
+from pycosim.dynamics.simulate import dynamics, estimate
 
 ROOT = LIBRARY / "DriveTrain"
 

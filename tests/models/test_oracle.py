@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pycosim.compile.parse import LIBRARY
-from pycosim.simulate import dynamics, simulate
+from pycosim.dynamics.simulate import dynamics, simulate
 
 EXAMPLES = sorted(p.stem for p in (LIBRARY / "DriveTrain" / "Examples").glob("*.mo") if p.stem != "package")
 END = 2.0

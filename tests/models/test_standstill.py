@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pycosim.compile import Library, compile_model
-from pycosim.errors import DataError, ModelicaError, UnknownNameError
-from pycosim.simulate import compensate, dynamics, estimate, simulate, step_function
-from pycosim.states import propagate
+from pycosim.core.errors import DataError, ModelicaError, UnknownNameError
+from pycosim.dynamics.simulate import compensate, dynamics, estimate, simulate, step_function
+from pycosim.dynamics.states import propagate
 
 JOINT = compile_model(Library(), "DriveTrain.Rigs.GearedJoint")
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pycosim import identify
-from pycosim.cli import main
+from pycosim.fit import least_squares
+from pycosim.cli.verbs import main
 from pycosim.compile import Library
-from pycosim.dataset import Dataset
-from pycosim.study import load_study
+from pycosim.data.dataset import Dataset
+from pycosim.study.schema import load_study
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "barrier"
 
@@ -38,7 +38,7 @@ def test_the_fit_ends_where_it_ends_whatever_its_start(log):
     dataset = Dataset(study, Library(study.modelica))
     starts = ({}, {"worm.f0": 0.08, "worm.mu": 0.82}, {"worm.f0": 0.05, "worm.mu": 0.7},
               {"worm.f0": 0.5, "worm.mu": 0.5})
-    fits = [identify.fit(dataset, dataset.base, start) for start in starts]
+    fits = [least_squares.fit(dataset, dataset.base, start) for start in starts]
     for other in fits[1:]:
         assert np.all(np.abs(other.values - fits[0].values) < 0.1 * fits[0].stderr)
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects import machine as rig
-from pycosim.cli import main
-from pycosim.study import load_study, write_study
+from pycosim.cli.verbs import main
+from pycosim.study.schema import load_study, write_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 

@@ -7,10 +7,10 @@ import pytest
 
 from benchmarks.hidden_effects import machine as rig
 from benchmarks.hidden_effects.cases import Case, draw, same
-from pycosim import improve
+from pycosim.diagnosis import search
 from pycosim.compile import Library
-from pycosim.dataset import Dataset
-from pycosim.study import load_study
+from pycosim.data.dataset import Dataset
+from pycosim.study.schema import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 
@@ -26,7 +26,7 @@ def improved(folder, *frames):
     paths = [folder / f"run{k}.csv" for k in range(len(frames))]
     for path, frame in zip(paths, frames):
         rig.write_csv(frame, path)
-    return improve.improve(Dataset(load_study(STUDY).with_data(paths), Library()))
+    return search.improve(Dataset(load_study(STUDY).with_data(paths), Library()))
 
 
 def paired(folder, seed, hidden=()):

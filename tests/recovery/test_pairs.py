@@ -7,12 +7,12 @@ import pytest
 
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects import machine as rig
-from pycosim import identify
+from pycosim.fit import least_squares
 from pycosim.compile import Library, compile_model
-from pycosim.dataset import Dataset
-from pycosim.diagnose import Finding
-from pycosim.improve import _ladder, _revised, improve, step_of
-from pycosim.study import load_study
+from pycosim.data.dataset import Dataset
+from pycosim.diagnosis.diagnose import Finding
+from pycosim.diagnosis.search import _ladder, _revised, improve, step_of
+from pycosim.study.schema import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 TRUE = ("stribeck", "2A"), ("payload", "shank")
@@ -37,7 +37,7 @@ def test_both_are_found_and_nothing_else(dataset):
 
 def ladder(dataset, keys):
     """The steps that add these effects one after the other."""
-    base = step_of(dataset, dataset.base, identify.fit(dataset, dataset.base))
+    base = step_of(dataset, dataset.base, least_squares.fit(dataset, dataset.base))
     rungs = [replace(base, added=key, finding=Finding(*key), model=compile_model(dataset.library, base.model.rig, keys))
              for key in keys]
     return _ladder(dataset, base, rungs)

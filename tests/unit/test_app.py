@@ -4,13 +4,14 @@ import socket
 
 import pytest
 
-from pycosim import demo, results
+from pycosim.cli import demo
+from pycosim.report import results
 from pycosim.app.mapping import suggest
 from pycosim.app.workbench import Given, Workbench
-from pycosim.cli import main
+from pycosim.cli.verbs import main
 from pycosim.compile import Library, compile_model
-from pycosim.errors import PycosimError
-from pycosim.study import load_study
+from pycosim.core.errors import PycosimError
+from pycosim.study.schema import load_study
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 
 from benchmarks.hidden_effects import machine as rig
-from pycosim import readers
-from pycosim.cli import main
-from pycosim.errors import DataError
-from pycosim.measurements import read_log
-from pycosim.readers import parquet
-from pycosim.study import Column, Study
+from pycosim.data import readers
+from pycosim.cli.verbs import main
+from pycosim.core.errors import DataError
+from pycosim.data.logs import read_log
+from pycosim.data.readers import parquet
+from pycosim.study.schema import Column, Study
 
 ROOT = Path(__file__).parents[2]
 COLUMNS = {"theta1": Column("motor1.phi", "deg", zero=3.0), "tau1": Column("motor1.tau", "N.m"),

@@ -15,10 +15,12 @@ import pandas as pd
 import pytest
 
 from benchmarks.hidden_effects.machine import PAPER, Effect, measure, six_manoeuvres, write_csv
-from pycosim import cli, nulls, results
-from pycosim.cli import main
+from pycosim.cli import verbs
+from pycosim.fit import nullspace
+from pycosim.report import results
+from pycosim.cli.verbs import main
 from pycosim.compile import Library
-from pycosim.study import load_study
+from pycosim.study.schema import load_study
 
 ROOT = Path(__file__).parents[2]
 STUDY = ROOT / "examples" / "hip_knee" / "study.toml"
@@ -187,7 +189,7 @@ def test_new_takes_logs(log, here):
 
 
 def test_help_is_quick_and_every_verb_has_an_example(capsys):
-    for verb in cli.VERBS:
+    for verb in verbs.VERBS:
         run(verb, "--help")
         assert f"example:\n  pycosim {verb}" in capsys.readouterr().out
     heavy = ("import sys, pycosim.cli; pycosim.cli.main(['--help']); "
@@ -324,7 +326,7 @@ def test_a_failure_leaves_earlier_results_as_they_were(here):
 def test_an_interrupt_is_one_line_and_writes_nothing(log, here, monkeypatch, capsys):
     def stop(*_):
         raise KeyboardInterrupt
-    monkeypatch.setitem(cli.VERB, "identify", stop)
+    monkeypatch.setitem(verbs.VERB, "identify", stop)
     assert main(["identify", str(STUDY), "--data", str(log)]) == 130
     assert capsys.readouterr().err.count("\n") == 1 and not list(here.iterdir())
 
@@ -332,7 +334,7 @@ def test_an_interrupt_is_one_line_and_writes_nothing(log, here, monkeypatch, cap
 def test_a_fault_of_ours_is_one_line_that_names_the_traceback(log, here, monkeypatch, capsys):
     def fail(*_):
         raise ZeroDivisionError("of ours")
-    monkeypatch.setitem(cli.VERB, "identify", fail)
+    monkeypatch.setitem(verbs.VERB, "identify", fail)
     assert main(["identify", str(STUDY), "--data", str(log)]) == 1
     line = capsys.readouterr().err
     assert line.count("\n") == 1 and "ZeroDivisionError: of ours" in line
@@ -377,7 +379,7 @@ class _Fit:
     """A fit with a given null space: three parameters of two components, covariance of what is determined."""
 
     def __init__(self, null, parameters, covariance):
-        from pycosim.variables import Variable
+        from pycosim.core.units import Variable
         self.parameters, self.free = parameters, [n for n in parameters if n.endswith(".f0")]
         self.variables = {n: Variable(n, "N.m", min=0.0, max=1.0, nominal=0.05) for n in self.free}
         self.values = self.unbounded = np.array([parameters[n] for n in self.free])
@@ -397,7 +399,7 @@ def test_the_form_of_a_null_direction_is_found_from_its_vector(g, text):
     p = {"a.f0": 0.01, "b.f0": 0.02, "c.f0": 0.3, "a.mu": 0.85, "b.mu": 0.907}
     direction = np.array([g(p["b.mu"]), -g(p["a.mu"]), 0.0])
     known = np.array([g(p["a.mu"]), g(p["b.mu"]), 0.0])
-    (found,) = nulls.null_directions(_Fit([direction / 7], p, 1e-6 * np.outer(known, known)))
+    (found,) = nullspace.null_directions(_Fit([direction / 7], p, 1e-6 * np.outer(known, known)))
     assert found["text"].startswith(f"a.f0 and b.f0 only as {text}")
     ratio = found["coefficients"]["a.f0"] / found["coefficients"]["b.f0"]
     assert math.isclose(ratio, direction[0] / direction[1], rel_tol=1e-9)
@@ -408,7 +410,7 @@ def test_the_form_of_a_null_direction_is_found_from_its_vector(g, text):
 
 def test_a_parameter_without_any_effect_is_said_to_have_none():
     p = {"a.f0": 0.01, "b.f0": 0.02}
-    (found,) = nulls.null_directions(_Fit([[1.0, 0.0]], p, np.eye(2) * 1e-6))
+    (found,) = nullspace.null_directions(_Fit([[1.0, 0.0]], p, np.eye(2) * 1e-6))
     assert found["text"] == "a.f0: these data say nothing about it"
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pycosim.compile import Library, compile_model
-from pycosim.delays import Record, undo
-from pycosim.simulate import estimate
+from pycosim.dynamics.delays import Record, undo
+from pycosim.dynamics.simulate import estimate
 
 TIME = np.arange(0, 4, 0.01)
 ONE = np.zeros(len(TIME))

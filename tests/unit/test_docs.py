@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from pycosim import demo, results
-from pycosim.cli import VERBS
+from pycosim.cli import demo
+from pycosim.report import results
+from pycosim.cli.verbs import VERBS
 from pycosim.compile import Library, catalogue
 
 ROOT = Path(__file__).parents[2]

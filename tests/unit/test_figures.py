@@ -5,15 +5,17 @@ import re
 import numpy as np
 import pytest
 
-from pycosim import demo, identify, results
+from pycosim.cli import demo
+from pycosim.fit import least_squares
+from pycosim.report import results
 from pycosim.compile import Library
-from pycosim.dataset import Dataset
-from pycosim.dependence import noise_floor
-from pycosim.diagnose import Finding, diagnose
-from pycosim.improve import Improvement, step_of
+from pycosim.data.dataset import Dataset
+from pycosim.diagnosis.dependence import noise_floor
+from pycosim.diagnosis.diagnose import Finding, diagnose
+from pycosim.diagnosis.search import Improvement, step_of
 from pycosim.report import charts, figures
 from pycosim.report.values import PIXELS, envelope
-from pycosim.study import load_study
+from pycosim.study.schema import load_study
 
 SHORT = {"speeds": (0.4, 1.6), "longest": 2.0}
 
@@ -30,7 +32,7 @@ def dataset(tmp_path_factory):
 @pytest.fixture(scope="module")
 def improvement(dataset):
     """The hidden effect added."""
-    base = identify.fit(dataset, dataset.base)
+    base = least_squares.fit(dataset, dataset.base)
     first = diagnose(dataset, dataset.base, base)
     effect, place, _ = demo.HIDDEN
     from pycosim.compile import compile_model
@@ -137,7 +139,7 @@ def test_where_every_run_is_one_sample_no_noise_floor_is_drawn_or_told(tmp_path)
         '[data]\nruns = ["*.csv"]\nheld_out = ["1.csv"]\naverage = "file"\n[columns]\n'
         'velocity = { variable = "motor.w", unit = "rad/s" }\ntorque = { variable = "tau", unit = "N.m" }\n')
     means = Dataset(load_study(tmp_path / "study.toml"), Library())
-    fit = identify.fit(means, means.base)
+    fit = least_squares.fit(means, means.base)
     floor = noise_floor(means, means.base, fit)
     assert np.isnan(floor["tau"]) and results.errors_text(floor) == "unknown"
     figures.write_comparison(tmp_path, means, means.base, fit)
@@ -169,5 +171,5 @@ def test_a_log_without_reference_or_labels_is_drawn_too(dataset, tmp_path):
     (tmp_path / "study.toml").write_text(text)
     other = Dataset(load_study(tmp_path / "study.toml"), dataset.library)
     assert other.paired
-    figures.write_comparison(tmp_path, other, other.base, identify.fit(other, other.base))
+    figures.write_comparison(tmp_path, other, other.base, least_squares.fit(other, other.base))
     assert (tmp_path / "figures" / "residuals.pdf").exists()

@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from pycosim.errors import DataError
-from pycosim.measurements import default_window, derivatives, load, read_log, require, resolution
-from pycosim.study import Column, Study
+from pycosim.core.errors import DataError
+from pycosim.data.logs import default_window, derivatives, load, read_log, require, resolution
+from pycosim.study.schema import Column, Study
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 COLUMNS = {"theta1": Column("motor1.phi", "rad"), "tau1": Column("motor1.tau", "N.m"),

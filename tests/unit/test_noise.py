@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pycosim.noise import Noise, chained, fit_noise
-from pycosim.segmentation import Pairs
+from pycosim.data.noise import Noise, chained, fit_noise
+from pycosim.data.segmentation import Pairs
 
 RNG = np.random.default_rng(0)
 TIME = np.delete(np.arange(80) * 0.01, [20, 21, 22, *range(40, 55)])

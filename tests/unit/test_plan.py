@@ -10,14 +10,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pycosim import cli
+from pycosim.cli import verbs
 from pycosim.compile import Library
-from pycosim.errors import PlanError
-from pycosim.plan import ROOM, Optimiser, known, make_plan, motion_of, prior_of, separations
-from pycosim.plan_information import ChannelNoise
-from pycosim.plan_motion import REST, TRANSFER, Stroke, assemble, ordered, profile
-from pycosim.study import Setting, Study, load_study
-from pycosim.trajectories import from_file
+from pycosim.core.errors import PlanError
+from pycosim.design.optimiser import ROOM, Optimiser, known, make_plan, motion_of, prior_of, separations
+from pycosim.design.information import ChannelNoise
+from pycosim.design.motion import REST, TRANSFER, Stroke, assemble, ordered, profile
+from pycosim.study.schema import Setting, Study, load_study
+from pycosim.control.trajectories import from_file
 
 STUDY = "examples/hip_knee/study.toml"
 LIBRARY = Library()
@@ -168,7 +168,7 @@ def test_the_density_of_the_noise_is_the_variance_of_a_way_s_mean(duration, pair
 def test_the_same_physics_at_two_names_stays_alike_and_is_said_so():
     """An offset against itself, however much of it there is."""
     from pycosim.compile import compile_model
-    from pycosim.plan_information import Block
+    from pycosim.design.information import Block
     study = load_study(STUDY)
     study = replace(study, reference="sensor")
     model = study.validate(LIBRARY)
@@ -184,7 +184,7 @@ def test_the_same_physics_at_two_names_stays_alike_and_is_said_so():
 
 
 def run(capsys, *argv):
-    code = cli.main([str(a) for a in argv])
+    code = verbs.main([str(a) for a in argv])
     return code, capsys.readouterr()
 
 

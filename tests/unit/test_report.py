@@ -11,14 +11,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pycosim import demo, identify, results
+from pycosim.cli import demo
+from pycosim.fit import least_squares
+from pycosim.report import results
 from pycosim.compile import Library, compile_model
-from pycosim.dataset import Dataset
-from pycosim.diagnose import diagnose
-from pycosim.improve import Improvement, step_of
+from pycosim.data.dataset import Dataset
+from pycosim.diagnosis.diagnose import diagnose
+from pycosim.diagnosis.search import Improvement, step_of
 from pycosim.report import charts, values
 from pycosim.report.page import SECTIONS, Page, write_numbers, write_report
-from pycosim.study import load_study
+from pycosim.study.schema import load_study
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +30,7 @@ def found(tmp_path_factory):
     with results.Folder(tmp_path_factory.mktemp("report") / "study", "demo") as folder:
         demo._make(library, folder, speeds=(0.4, 1.6), longest=2.0)
     dataset = Dataset(load_study(folder.path / "study.toml"), library)
-    base = identify.fit(dataset, dataset.base)
+    base = least_squares.fit(dataset, dataset.base)
     first = diagnose(dataset, dataset.base, base)
     winner = first.winner
     larger = compile_model(library, dataset.study.rig, [winner.key])

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from pycosim.compile.parse import Library
-from pycosim.errors import BoundsError, StudyError, UnknownNameError
-from pycosim.study import Column, Setting, load_study, write_study
+from pycosim.core.errors import BoundsError, StudyError, UnknownNameError
+from pycosim.study.schema import Column, Setting, load_study, write_study
 
 RIG = '[rig]\nmodel = "DriveTrain.Rigs.HipKnee"\n'
 FULL = RIG + """

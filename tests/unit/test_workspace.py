@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pycosim.compile import Library, compile_model
-from pycosim.errors import PlanError, StudyError, UnknownNameError
-from pycosim.study import load_study, write_study
-from pycosim.workspace import Kinematics, Limits, Workspace, kinematics, limits_of, read_limits
+from pycosim.core.errors import PlanError, StudyError, UnknownNameError
+from pycosim.study.schema import load_study, write_study
+from pycosim.design.workspace import Kinematics, Limits, Workspace, kinematics, limits_of, read_limits
 
 STUDY = "examples/hip_knee/study.toml"
 RATIO = 15.125

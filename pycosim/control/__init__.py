@@ -1,0 +1,1 @@
+"""A machine's model in; controllers, an estimator and motions out."""

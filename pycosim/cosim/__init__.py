@@ -1,0 +1,1 @@
+"""A scenario in; its components stepped together, and their log, out."""

@@ -1,0 +1,1 @@
+"""Logs in; checked samples, arranged for fitting, out."""

@@ -1,0 +1,622 @@
+"""Logs, study and model in; samples arranged for fitting out: channels, moving ones, blocks, held-out part, pairs."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from . import segmentation
+from ..compile import ArrayFunction, catalogue, compile_model, component_name
+from ..dynamics.delays import undo
+from ..core.errors import DataError, StudyError
+from .logs import default_window, derivatives, load, require, require_alike, resolution
+from .noise import contiguous
+from .residuals import Residuals, Term
+from ..dynamics.states import dependent_parameters, propagate
+
+FOLDS = 5
+JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
+
+
+class Dataset:
+    """Measurements of a study, ready to be compared with models of its rig.
+
+    Parameters
+    ----------
+    study : Study
+    library : Library
+    logs : list of Log, optional
+        Already read; else the study's files are read.
+
+    Attributes
+    ----------
+    channels : list of str
+        Names of the errors: ``C_H``, or ``C_H_pair`` when no reference was measured.
+    paired : bool
+    time, run : ndarray, shape (n,)
+    signals : dict of str to ndarray, shape (n,)
+        Inputs of the model's question.
+    measured : dict of str to ndarray, shape (n,)
+        Everything measured, by model variable.
+    moving : ndarray of bool, shape (n,)
+    block : ndarray of int, shape (n,)
+        Block of each sample.
+    is_test : ndarray of bool, shape (blocks,)
+    """
+
+    def __init__(self, study, library, logs=None):
+        self.study, self.library = study, library
+        self.logs = load(study) if logs is None else logs
+        self.base = compile_model(library, study.rig, study.effects)
+        self._choose_question()
+        self._gather()
+        self._derive()
+        self._segment()
+        self._split()
+        self._views, self._slopes = {}, {}
+
+    # ---- what is known, what is compared
+
+    def _choose_question(self):
+        have = {v for log in self.logs for v in log.signals}
+        self.asked, forms = "estimate", self.base.alternatives("estimate")
+        self.form = next((k for k, (wanted, _) in enumerate(forms) if all(w in have for w in wanted)), None)
+        balanced = self.form is None and self.study.reference == "gravity_model"
+        self.paired = self.form is None and not balanced
+        self.form = self.form or 0
+        named = forms[self.form][0]
+        if balanced:  # what the leg's model asks for beyond the transmission's torque is the error
+            self.asked, forms = "balance", self.base.alternatives("balance")
+        self.outputs, self.known = forms[self.form]
+        self._choose_outputs(named, balanced, have)
+        require_alike(self.logs, self.outputs)
+        if self.paired and self.study.reference != "unknown":
+            raise StudyError(f'{self.study.path}: reference = "{self.study.reference}", but no log holds '
+                             f'{", ".join(self.outputs)}; log that, or write reference = "unknown"')
+        self.question = self.ask(self.base)
+
+    def _choose_outputs(self, named, balanced, have):
+        """Channels, and which variables of the model stand for them."""
+        self.channels = [f"{c}_pair" for c in named] if self.paired else list(named)
+        self.aliases, self.zeros = {}, []
+        if not balanced and self.study.reference != "sensor":  # a computed reference knows the load alone
+            self.aliases = self.base.aliases("load")
+        for channel, reading in self.base.aliases("encoders").items():
+            if channel in have and not self.paired:
+                self.aliases[channel], _, zero = reading.partition(":")
+                self.outputs = [*self.outputs, channel]
+                self.channels.append(channel)
+                self.zeros.append(zero)
+
+    def ask(self, model):
+        """The question that a model of this rig is asked about these data.
+
+        On moving samples a segment's own state is at its limit, at rest, so that its damping adds nothing.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        Question
+        """
+        question = model.question(self.asked, self.form, tuple(self.aliases.items()))
+        return question.fixed({n: 0.0 for n in (f"{c}.damping" for c in model.segments) if n in question.parameters})
+
+    def _gather(self):
+        mapped = {c.variable for c in self.study.columns.values()}
+        for log in self.logs:  # an unmeasured push from outside is none
+            require(log, [k for k in self.known if k in mapped or not k.startswith("push")])
+        self.time = np.concatenate([log.time for log in self.logs])
+        self.run = np.concatenate([np.full(len(log.time), k) for k, log in enumerate(self.logs)])
+        shared = set.intersection(*[set(log.signals) for log in self.logs])
+        self.measured = {v: np.concatenate([log.signals[v] for log in self.logs]) for v in sorted(shared)}
+        self.labels = (np.concatenate([log.labels for log in self.logs])
+                       if all(log.labels is not None for log in self.logs) else None)
+
+    # ---- motion
+
+    def _derive(self):
+        """Speeds and accelerations of what is known, without phase lag; a measured speed is preferred."""
+        self.signals = {k: self.measured[k] for k in self.known if k in self.measured}
+        self.signals["time"] = self.time
+        for name in [n for n in self.question.inputs if n.startswith("der(") and n.count("(") == 1]:
+            angle = name[4:-1]
+            first, second = np.zeros(len(self.time)), np.zeros(len(self.time))
+            for k in range(len(self.logs)):
+                part = self.run == k
+                t, a = self.time[part], self.measured[angle][part]
+                if len(t) > 1:
+                    first[part], second[part] = derivatives(t, a, default_window(t, resolution(a)))
+            speed = angle.removesuffix(".phi") + ".w"
+            self.signals[name] = self.measured.get(speed, first) if angle.endswith(".phi") else first
+            self.signals[f"der({name})"] = second
+        read = {n for effect in catalogue(self.library).values() for n in effect.measured}  # effects may come yet
+        for name in [*self.question.inputs, *sorted(read)]:
+            if name in self.measured:
+                self.signals.setdefault(name, self.measured[name])
+
+    def segment_signals(self, model, parameters, names, states=None, signals=None):
+        """Outputs of the model at every sample, such as ``s1A.w`` and ``s1A.L``.
+
+        Parameters
+        ----------
+        model : Model
+        parameters : dict of str to float
+        names : list of str
+            Those that are no outputs are left out.
+        states : ndarray, shape (states, n), optional
+            Friction states; followed along the log by default.
+        signals : dict of str to ndarray, shape (n,), optional
+            Instead of those recorded, as `exogenous` gives them.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        question = self.ask(model)
+        names = [n for n in names if n in question.outputs]
+        if states is None:
+            states = self.states(model, parameters)[0]
+        chosen = question.select(names)
+        signals = self.undelayed(question, parameters, signals)
+        arguments = ([signals.get(n, 0.0) for n in chosen.inputs] + list(states)
+                     + [float(parameters[n]) for n in chosen.parameters])
+        values = ArrayFunction(chosen.output)(arguments, len(self.time))
+        return dict(zip(names, values))
+
+    def states(self, model, parameters, free=()):
+        """Friction states at every sample, and their sensitivities.
+
+        The segments' own states are at their sliding limit, the sign of the speed, which holds on moving samples; the
+        states of effects are followed along the log, from what the angles moved between samples.
+
+        Parameters
+        ----------
+        model : Model
+        parameters : dict of str to float
+        free : sequence of str
+            Parameters whose sensitivities are wanted.
+
+        Returns
+        -------
+        states : ndarray, shape (number of states, n)
+        sensitivities : ndarray, shape (len(free), number of states, n)
+
+        Raises
+        ------
+        ModelicaError
+            A state of an effect is coupled to another, or its rate is not made of one or two straight pieces.
+        """
+        question = self.ask(model)
+        own = [f"{c}.z" for c in model.segments]
+        followed = [s for s in question.states if s not in own]
+        states, sensitivities = np.zeros((len(question.states), len(self.time))), np.zeros(
+            (len(free), len(question.states), len(self.time)))
+        if followed and not self.averaged:
+            states, sensitivities = propagate(question, self.signals, self.time, parameters, self.run, free, followed)
+        for k, name in enumerate(question.states):
+            if name in own or self.averaged:
+                component = name.rsplit(".", 1)[0] if name in own else next(iter(model.segments))
+                states[k] = np.sign(self.speeds[list(model.segments).index(component)])
+                sensitivities[:, k] = 0.0
+        return states, sensitivities
+
+    def undelayed(self, question, parameters, signals=None):
+        """Signals at the times they tell of, for a model that delays their record; else as recorded.
+
+        Parameters
+        ----------
+        question : Question
+        parameters : dict of str to float
+        signals : dict of str to ndarray, shape (n,), optional
+            Instead of those recorded, as `exogenous` gives them.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            The same dict where nothing is delayed; else with each delay [s], a number, under ``at(x)``.
+        """
+        signals = self.signals if signals is None else signals
+        if not question.late:
+            return signals
+        return undo(question, signals, self.time, self.run, parameters, {n: self._slope(n) for n in question.late})
+
+    def _slope(self, name):
+        """Slope of what the motion alone predicts of a signal, well inside the passes.
+
+        It is zero near their ends, where a torque recorded late jumps, and tells of that jump and of no slope.
+        """
+        if name not in self._slopes:
+            found, values = np.zeros(len(self.time)), self.exogenous()[name]
+            for s in contiguous(self.time, self.passes):
+                if self.passes[s.start] >= 0:
+                    time, v = self.time[s], values[s]
+                    reach = min(JUMP, 0.2 * (time[-1] - time[0]))
+                    inside = (time >= time[0] + reach) & (time <= time[-1] - reach) & (reach > 0)
+                    ahead, behind = (np.interp(time + sign * reach, time, v) for sign in (1, -1))
+                    found[s] = np.where(inside, ahead - behind, 0.0) / max(2 * reach, 1e-300)
+            self._slopes[name] = found
+        return self._slopes[name]
+
+    def exogenous(self):
+        """Signals with every measured torque replaced by what the motion alone predicts of it.
+
+        Noise of a measured torque is in the residual and in every column computed from that torque; the two must not
+        meet in a test, or each log would seem to lack a torque constant (instrumental variables, two stages). A torque
+        is regressed on the motion - a polynomial of the configuration, speeds and accelerations, for each combination
+        of directions - and then pass by pass on that. Half the differences of paired passes are small enough for the
+        mean noise of a pass to matter: there the polynomial is that of a run, and stays as it is.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        if not hasattr(self, "_exogenous"):
+            self._exogenous = dict(self.signals)
+            for name in [k for k in self.known if k in self.signals and not k.endswith((".phi", ".w"))]:
+                self._exogenous[name] = self._predict(self.signals[name])
+        return self._exogenous
+
+    def weights(self):
+        """Weight of each channel in a fit: one over its noise, the same for every model of this data set.
+
+        Returns
+        -------
+        ndarray, shape (channels,)
+            Their geometric mean is one.
+        """
+        if not hasattr(self, "_weights"):
+            parameters = {n: v.value for n, v in self.variables(self.base).items()}
+            level = np.median(self.noise_level(self.base, parameters), axis=1)
+            self._weights = np.exp(np.mean(np.log(level))) / level
+        return self._weights
+
+    def noise_level(self, model, parameters, part="fit"):
+        """Noise that each sample of each channel should show, from the scatter of the signals and the model's response.
+
+        A model that responds less to a noisy torque leaves less noise in its residual without being a better model;
+        rivals are compared after dividing by this level.
+
+        Parameters
+        ----------
+        model : Model
+        parameters : dict of str to float
+        part : str or ndarray of int
+            As for `choose`.
+
+        Returns
+        -------
+        ndarray, shape (channels, n)
+            Standard deviations in the channels' units; one where the signals show no scatter.
+        """
+        question = self.ask(model).select(self.outputs)
+        u, x, p = question.symbols()
+        y = question.output(u, x, p)
+        noisy = [k for k in self.known if k in self.signals and k in question.inputs and not k.endswith((".phi", ".w"))]
+        view = self.view(part)
+        total = np.zeros((len(self.outputs), len(self._picks(view)[0][1])))
+        signals, (states, _) = self.undelayed(self.ask(model), parameters, self.exogenous()), self.states(
+            model, parameters)
+        for name in noisy:
+            slope = ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(ca.jacobian(
+                y, u[question.inputs.index(name)]))]))
+            arguments = ([signals.get(n, 0.0) for n in question.inputs] + list(states)
+                         + [float(parameters[n]) for n in question.parameters])
+            response = slope(arguments, len(self.time)) * self._scatter(self.signals[name])
+            total += sum(take(response ** 2) * weight ** 2 for weight, _, take in self._picks(view))
+        own = [0.0 if self.paired else self._scatter(self.reference(c)) ** 2 for c in self.outputs]
+        total += np.array(own)[:, None]
+        return np.sqrt(np.where(total > 0, total, 1.0))
+
+    def _scatter(self, values):
+        """Standard deviation of what changes from sample to sample, within passes."""
+        third = np.diff(values, 3)
+        inside = (self.passes[3:] >= 0) & (self.passes[3:] == self.passes[:-3])
+        return float(1.4826 * np.median(np.abs(third[inside])) / np.sqrt(20)) if inside.any() else 0.0
+
+    def _predict(self, values):
+        span = np.maximum(np.ptp(self.config, axis=1, keepdims=True), 1e-9)
+        x = 2 * (self.config - self.config.min(1, keepdims=True)) / span - 1
+        rates = [v for n, v in self.signals.items() if n.startswith("der(") and np.ptp(v) > 0]
+        powers = {degree: np.array([np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(
+            range(degree + 1), repeat=len(x)) if sum(e) <= degree]) for degree in (1, 2, 3)}
+        rates = np.array([r / np.std(r) for r in rates]).reshape(len(rates), -1)
+        code = (np.sign(self.speeds) > 0).T @ (1 << np.arange(len(self.speeds))) + (
+            self.run << len(self.speeds) if self.paired else 0)
+        predicted = values.copy()
+        for where in (self.moving & (code == c) for c in np.unique(code[self.moving])):
+            degree = 3 if where.sum() > 1000 else 2 if where.sum() > 200 else 1
+            a = np.vstack([powers[degree][:, where], rates[:, where] if degree == 3 else rates[:0, where]])
+            predicted[where] = np.linalg.lstsq(a @ a.T, a @ values[where], rcond=1e-10)[0] @ a
+        for s in () if self.paired else contiguous(self.time, self.passes):
+            if self.passes[s.start] >= 0 and s.stop - s.start > 20:
+                a = np.array([np.ones(s.stop - s.start), predicted[s]])
+                predicted[s] = np.linalg.lstsq(a.T, values[s], rcond=1e-6)[0] @ a
+        return predicted
+
+    # ---- moving samples, blocks, held-out part
+
+    def _segment(self):
+        parameters = {n: v.value for n, v in self.base.parameters.items()}
+        names = [f"{c}.w" for c in self.base.segments]
+        states = np.zeros((len(self.question.states), len(self.time)))
+        self.speeds = np.array(list(self.segment_signals(self.base, parameters, names, states).values()))
+        self.w_min = self.study.w_min or segmentation.default_w_min(self.speeds)
+        moving = segmentation.moving(self.speeds, self.w_min)
+        angles = [self.measured[k] for k in self.known if k.endswith("phi") and k in self.measured]
+        self.config = np.array(angles) if angles else np.cumsum(self.speeds[:1], axis=1)
+        self.averaged = self.study.average == "file"
+        self.passes = (np.where(moving, self.run, -1) if self.averaged
+                       else segmentation.passes(self.time, self.speeds, moving, self.run))
+        self.moving = moving if self.averaged else self._trim(moving, angles)
+        self.passes = np.where(self.moving, self.passes, -1)
+        if not self.moving.any():
+            raise DataError(f"{self.logs[0].path}: nothing moves: no sample has every segment faster than w_min = "
+                            f"{self.w_min:.3g} rad/s; record motion, or lower w_min in the study")
+        self.blocks = segmentation.blocks(self.time, self.config, self.passes, self.speeds, self.run)
+        self.block = self.blocks.index
+
+    def _trim(self, moving, angles):
+        """Leave out the ends of a pass that smoothing makes look like motion: less than two encoder steps from rest."""
+        moving = moving.copy()
+        least = {(run, k): 1.5 * resolution(angle[self.run == run]) + 1e-9
+                 for run in np.unique(self.run) for k, angle in enumerate(angles)}
+        for pass_number in np.unique(self.passes[self.passes >= 0]):
+            inside = np.flatnonzero(self.passes == pass_number)
+            first, last = max(inside[0] - 3, 0), min(inside[-1] + 3, len(self.time) - 1)
+            for k, angle in enumerate(angles):
+                near = least[self.run[inside[0]], k]
+                moving[inside[np.abs(angle[inside] - angle[first]) < near]] = False
+                moving[inside[np.abs(angle[inside] - angle[last]) < near]] = False
+        return moving
+
+    def _split(self):
+        held = [k for k, log in enumerate(self.logs) if log.held_out]
+        self.is_test = segmentation.split(self.blocks, len(self.logs), held)
+        self.fold = np.zeros(len(self.blocks), dtype=int)
+        fitted = self.blocks.take(~self.is_test)
+        runs, of_run = np.unique(fitted.run, return_inverse=True)
+        # a log's blocks share its conditions: with enough logs, a fold is left out log by log
+        self.fold[~self.is_test] = of_run % FOLDS if len(runs) >= 4 else segmentation.folds(fitted, FOLDS)
+
+    def held_out_ranges(self):
+        """Held-out part as ``[file, t0, t1]`` entries.
+
+        Returns
+        -------
+        list of [str, float, float]
+            Times in s.
+        """
+        return [[self.logs[self.blocks.run[b]].name, float(self.blocks.t0[b]), float(self.blocks.t1[b])]
+                for b in np.flatnonzero(self.is_test)]
+
+    # ---- residuals
+
+    def choose(self, part):
+        """Blocks of a part: ``"fit"``, ``"test"``, ``"all"``, or the given ones.
+
+        Parameters
+        ----------
+        part : str or sequence of int
+
+        Returns
+        -------
+        ndarray of int
+        """
+        if isinstance(part, str):
+            return np.flatnonzero({"fit": ~self.is_test, "test": self.is_test, "all": self.is_test | True}[part])
+        return np.asarray(part)
+
+    def view(self, part):
+        """Indices of the samples (or pairs of samples) of a part.
+
+        Parameters
+        ----------
+        part : str or sequence of int
+            As for `choose`.
+
+        Returns
+        -------
+        ndarray of int or segmentation.Pairs
+            Pairs where the data are paired.
+        """
+        blocks = self.choose(part)
+        key = blocks.tobytes()
+        if key not in self._views:
+            inside = np.isin(self.block, blocks) & self.moving & (self.passes >= 0)
+            if not self.paired:
+                self._views[key] = np.flatnonzero(inside)
+            else:
+                if not hasattr(self, "_pairs"):
+                    self._pairs = segmentation.pairs(self.config, self.passes, self.run, block=self.block)
+                p = self._pairs
+                keep = inside[p.i] & inside[p.j0] & inside[p.j1]
+                self._views[key] = segmentation.Pairs(p.i[keep], p.j0[keep], p.j1[keep], p.weight[keep])
+        return self._views[key]
+
+    def path(self, part, thin):
+        """Samples by which friction states are followed when a part is thinned.
+
+        Parameters
+        ----------
+        part : str or ndarray of int
+        thin : int
+            Of the part's samples, and of the others, every so many.
+
+        Returns
+        -------
+        slice or ndarray of int
+        """
+        if thin == 1:
+            return slice(None)
+        view, n = self.view(part), len(self.time)
+        wanted, rest = np.zeros(n, dtype=bool), np.ones(n, dtype=bool)
+        for index in (view.i, view.j0, view.j1) if self.paired else (view,):
+            wanted[index[::thin]], rest[index] = True, False
+        wanted[np.flatnonzero(rest)[::thin]] = True
+        wanted[np.r_[0, np.flatnonzero(np.diff(self.run)) + 1]] = True  # where a log starts
+        return np.flatnonzero(wanted)
+
+    def residuals(self, model, free, parameters, part="fit", signals=None):
+        """Residuals of a model on a part of the data.
+
+        Parameters
+        ----------
+        model : Model
+        free : list of str
+            Parameters to differentiate by.
+        parameters : dict of str to float
+            All parameters.
+        part : str or sequence of int
+            As for `choose`.
+        signals : dict of str to ndarray, shape (n,), optional
+            Instead of those recorded, as `exogenous` gives them.
+
+        Returns
+        -------
+        Residuals
+
+        Raises
+        ------
+        DataError
+            Fewer samples than free parameters and two.
+        """
+        question = self.ask(model)
+        view = self.view(part)
+        picks = self._picks(view)
+        index = picks[0][1]
+        if len(index) < len(free) + 2:
+            raise DataError(f"{self.logs[0].path}: only {len(index)} usable samples for {len(free)} free parameters; "
+                            "record a longer log with motion in both directions")
+        measured = (np.zeros((len(self.outputs), len(index))) if self.paired
+                    else np.array([self.reference(c)[index] for c in self.outputs]))
+        signals = self.signals if signals is None else signals
+        cached, stateful = {}, dependent_parameters(question)
+        read = self._read(question)
+
+        def terms(values, with_respect_to):
+            key = (tuple(values[n] for n in stateful), tuple(with_respect_to))
+            if key not in cached:
+                states, sensitivities = self.states(model, values, with_respect_to)
+                cached.clear()
+                moved = self.undelayed(question, values, signals)
+                cached[key] = [Term(weight, {n: take(v) if isinstance(v, np.ndarray) else v
+                                             for n, v in moved.items() if n in read}, take(states),
+                                    take(sensitivities)) for weight, _, take in picks]
+            return cached[key]
+
+        return Residuals(question, self.outputs, measured, terms, free, parameters,
+                         self.time[index], self.passes[index], self.block[index], self.channels,
+                         not (self.paired or self.averaged),
+                         *((view.lags(self.time), view.colour) if self.paired else ()))
+
+    def _read(self, question):
+        """Inputs that the errors, the segments' loads or the friction states depend on."""
+        if "_read" not in question.__dict__:
+            u, x, p = question.symbols()
+            chosen = question.select(self.outputs + [n for n in question.outputs if n.endswith(".L")])
+            used = {s.name() for s in ca.symvar(ca.vertcat(chosen.output(u, x, p), question.rate(u, x, p)))}
+            question._read = {n for n, s in zip(question.inputs, ca.vertsplit(u)) if s.name() in used}
+        return question._read
+
+    def _picks(self, view):
+        if not self.paired:
+            return [(1.0, view, lambda v: v[..., view])]
+        return [(0.5, view.i, lambda v: view.at(v)[0]), (-0.5, view.i, lambda v: view.at(v)[1])]
+
+    def reference(self, channel):
+        """Measured values of a channel at every sample; zero where the error itself is modelled.
+
+        Parameters
+        ----------
+        channel : str
+            Output of the question.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        return self.measured.get(channel, np.zeros(len(self.time)))
+
+    # ---- parameters
+
+    def variables(self, model):
+        """Parameters of a model, with the bounds and values of the study.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        dict of str to Variable
+        """
+        found = dict(model.parameters)
+        for name, setting in self.study.parameters.items():
+            if name in found:
+                v = found[name]
+                found[name] = replace(v, value=v.value if setting.value is None else setting.value,
+                                      min=v.min if setting.min is None else setting.min,
+                                      max=v.max if setting.max is None else setting.max)
+        for effect, place in model.attached:  # fewer than one cycle over the travel would be an offset, not a ripple
+            for coefficient in [c for c, kind in effect.scan.items() if kind == "cycles"]:
+                name = f"{component_name(effect, place)}.{coefficient}"
+                angle = self.signals.get(f"{place.components[0]}.phi")
+                if angle is not None and np.ptp(angle) > 0:
+                    found[name] = replace(found[name], min=max(found[name].min, 2 * np.pi / np.ptp(angle)))
+            for name, mean in self.means(effect).items():
+                name = f"{component_name(effect, place)}.{name}"
+                if name not in self.study.parameters:
+                    found[name] = replace(found[name], value=mean)
+        return found
+
+    def means(self, effect):
+        """Parameters of an effect that stand for the mean of something measured.
+
+        Parameters
+        ----------
+        effect : Effect
+
+        Returns
+        -------
+        dict of str to float
+            Without those of what was not measured.
+        """
+        return {n: float(self.measured[v].mean()) for n, v in effect.means.items() if v in self.measured}
+
+    def values(self, model):
+        """Values that the study sets.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        dict of str to float
+            Without parameters that the model does not have.
+        """
+        return {n: s.value for n, s in self.study.parameters.items() if s.value is not None and n in model.parameters}
+
+    def free(self, model):
+        """Free parameters: those the study names and does not fix, encoder zeros, and the attached effects' own.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        list of str
+        """
+        named = [n for n, s in self.study.parameters.items() if s.fixed is False and n in model.parameters]
+        named += [n for n in self.zeros if n not in self.study.parameters]
+        for effect, place in model.attached:
+            named += [n for n in model.effect_parameters(effect, place)
+                      if n not in named and not (self.study.parameters.get(n) and self.study.parameters[n].fixed)]
+        return named

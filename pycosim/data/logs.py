@@ -1,0 +1,361 @@
+"""Log files and a study come in; checked signals in SI units go out, with derivatives that do not lag."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import DataError, closest
+from .readers import read_parts
+from .chunks import Gathered
+
+_DEGREE = 3
+_LEAST = _DEGREE + 2
+_CHUNK = 2_000_000
+_SPEED_NOISE = 0.005
+_LONGEST_WINDOW = 0.3
+
+
+@dataclass
+class Log:
+    """One run, checked.
+
+    Attributes
+    ----------
+    name : str
+        File name.
+    path : Path
+    time : ndarray, shape (n,)
+        Strictly increasing [s].
+    signals : dict of str to ndarray, shape (n,)
+        By variable of the rig, SI units.
+    labels : ndarray of str, shape (n,), or None
+    dropped : list of (int, int)
+        First and last row of stretches left out: drop-outs, or samples that the format says are not to be used.
+    meta : dict
+        What the file says about the run; ``samples`` and ``deviation`` when the log is the mean of a file;
+        ``file_rows`` and ``means_of`` when its samples are the means of so many rows.
+    rows : ndarray of int, shape (n,)
+        Row in the file, as an editor shows it; the header is row 1. Of a mean, the first one.
+    header : list of str
+        Columns of the file.
+    columns : dict of str to str
+        Variable to the column that the study maps to it, in the file or not.
+    held_out : bool
+        Whether the study keeps this log for the test.
+    """
+
+    name: str
+    path: Path
+    time: np.ndarray
+    signals: dict
+    labels: np.ndarray | None = None
+    dropped: list = field(default_factory=list)
+    meta: dict = field(default_factory=dict)
+    rows: np.ndarray | None = None
+    header: list = field(default_factory=list)
+    columns: dict = field(default_factory=dict)
+    held_out: bool = False
+
+
+def load(study, files=None):
+    """Read the logs of a study.
+
+    Parameters
+    ----------
+    study : Study
+    files : sequence of path, optional
+        Instead of the study's own.
+
+    Returns
+    -------
+    list of Log
+        Runs, then held-out runs (`Log.held_out`).
+
+    Raises
+    ------
+    DataError
+        A log cannot be used, or there is none.
+    """
+    study = study if files is None else study.with_data(files)
+    if not study.runs:
+        raise DataError(f"{study.path}: no logs to fit; list them in [data] runs, or give --data FILE...")
+    logs = [read_log(path, study) for path in study.runs]
+    return logs + [replace(read_log(path, study), held_out=True) for path in study.held_out]
+
+
+def read_log(path, study):
+    """Read one log and refuse what a fit would silently suffer from.
+
+    Parameters
+    ----------
+    path : path
+    study : Study
+        Columns, units, labels, what to do with drop-outs, reader, average, most rows to keep apart.
+
+    Returns
+    -------
+    Log
+
+    Raises
+    ------
+    DataError
+        The file, a row or a column cannot be used; the message names it and says what to do.
+    """
+    path = Path(path)
+    count, tables = read_parts(path, study.reader, {*study.columns, study.time_column}, study.labels)
+    first = next(tables)
+    used = {n: c for n, c in study.columns.items() if n in first.columns and n != study.time_column}
+    _check_columns(path, first, study, used)
+    # the scatter within a file that is one sample needs every row
+    every = 1 if study.average == "file" else max(1, math.ceil(count / study.most))
+    clock = study.columns[study.time_column].si if study.time_column in study.columns else np.asarray
+    gathered = Gathered(path, study.time_column, clock, [study.time_column, *used], study.labels, every)
+    for table in itertools.chain([first], tables):
+        gathered.add(table)
+    columns, rows = gathered.finish(study.drop_outs)
+    meta = first.meta | ({"file_rows": count, "means_of": every} if every > 1 else {})
+    log = Log(path.name, path, columns[study.time_column], {c.variable: c.si(columns[n]) for n, c in used.items()},
+              columns.get(study.labels), gathered.dropped, meta, rows, first.header,
+              {c.variable: n for n, c in study.columns.items()})
+    _check_torques(log, used)
+    _check_motion(log, used)
+    _check_speeds(log)
+    return _average(log) if study.average == "file" else log
+
+
+def require(log, names):
+    """Refuse a log that lacks variables.
+
+    Parameters
+    ----------
+    log : Log
+    names : iterable of str
+        Variables of the rig that a question needs.
+
+    Raises
+    ------
+    DataError
+        Names the column that should hold the first missing variable.
+    """
+    for name in names:
+        if name in log.signals:
+            continue
+        column = log.columns.get(name)
+        if column is None:
+            raise DataError(f"{log.path}: '{name}' is needed, and no column of the study holds it; "
+                            f'add [columns] "<column>" = {{ variable = "{name}", unit = ".." }}')
+        if column == name:
+            raise DataError(f"{log.path}: no column '{name}'{closest(name, log.header)}; "
+                            "[columns] names the column that holds this variable")
+        raise DataError(f"{log.path}: no column '{column}', which holds '{name}'{closest(column, log.header)}")
+
+
+def require_alike(logs, names):
+    """Refuse logs of which some lack what others hold: the model cannot be compared with half of a reference.
+
+    Parameters
+    ----------
+    logs : list of Log
+    names : iterable of str
+        Variables of the rig.
+
+    Raises
+    ------
+    DataError
+        Names the first log that lacks one.
+    """
+    for name in names:
+        lacking = [log for log in logs if name not in log.signals]
+        if lacking and len(lacking) < len(logs):
+            other = next(log for log in logs if name in log.signals)
+            raise DataError(f"{lacking[0].path}: no column '{lacking[0].columns[name]}', which {other.name} has; "
+                            "fit logs with and without it in two studies, or take the column out of [columns]")
+
+
+# --- checks ---------------------------------------------------------------------------------------------------------
+
+
+def _check_columns(path, table, study, used):
+    if study.time_column not in table.columns:
+        raise DataError(f"{path}: no column '{study.time_column}' for the time"
+                        f"{closest(study.time_column, table.header)}; rename it, or set [data] time_column")
+    if study.labels != "manoeuvre" and study.labels not in table.columns:
+        raise DataError(f"{path}: no label column '{study.labels}'{closest(study.labels, table.header)}")
+    if not study.columns:
+        raise DataError(f"{study.path}: [columns] is empty; say what the columns of {path.name} are: "
+                        f"{', '.join(table.header)}")
+    if not used:
+        raise DataError(f"{path}: holds none of the study's columns {', '.join(study.columns)}; "
+                        f"it has {', '.join(table.header)}")
+    for name in study.columns:
+        # a column may be missing, but hardly when another one differs by case or blanks alone
+        twin = [h for h in table.header if h not in study.columns and h.strip().lower() == name.lower()]
+        if name not in table.columns and twin:
+            raise DataError(f"{path}: no column '{name}'; closest: '{twin[0]}'; rename one of the two")
+
+
+def _check_torques(log, used):
+    for name, column in used.items():
+        if column.dimension == "N.m" and not log.signals[column.variable].any():
+            raise DataError(f"{log.path}: column '{name}' is exactly zero throughout, so the torque was not recorded; "
+                            "log it, or take the column out of [columns]")
+
+
+def _check_motion(log, used):
+    """Nothing can be learnt of friction where nothing moves."""
+    angles = {n: c for n, c in used.items() if c.dimension == "rad"}
+    speeds = {n: c for n, c in used.items() if c.dimension == "rad/s"}
+    still = [not np.ptp(log.signals[c.variable]) for c in angles.values()]
+    if not angles:
+        still = [not log.signals[c.variable].any() for c in speeds.values()]
+    if still and all(still):
+        raise DataError(f"{log.path}: nothing moves: {', '.join(angles or speeds)} "
+                        f"{'keep' if len(still) > 1 else 'keeps'} one value; take the run out of the study")
+
+
+def _check_speeds(log):
+    """A logged speed must be the derivative of the logged angle: a slip of unit, sign or time shows here."""
+    for name, speed in log.signals.items():
+        angle = log.signals.get(name[:-1] + "phi") if name.endswith(".w") else None
+        if angle is None or log.time.size < 20:
+            continue
+        # integrals compare better than derivatives: noise averages out
+        travel = np.append(0.0, np.cumsum(np.diff(log.time) * (speed[1:] + speed[:-1]) / 2))
+        x, y = travel - travel.mean(), angle - angle.mean()
+        power = np.sqrt((x @ x) * (y @ y))
+        slope = (x @ y) / (x @ x) if power else 1.0
+        if power and abs(x @ y) > 0.95 * power and not 0.5 < slope < 2.0:
+            raise DataError(f"{log.path}: the angle in '{log.columns[name[:-1] + 'phi']}' changes {slope:.3g} times as "
+                            f"fast as the speed in '{log.columns[name]}' says; check units and signs of both, and the "
+                            "unit of time")
+
+
+def _average(log):
+    """One sample: the mean of a file; scatter and number of samples are kept in `meta`."""
+    deviation = {n: float(v.std(ddof=1)) for n, v in log.signals.items()}
+    labels = log.labels
+    if labels is not None:
+        names, counts = np.unique(labels, return_counts=True)
+        labels = names[[counts.argmax()]]
+    return replace(log, time=log.time.mean(keepdims=True), labels=labels, rows=log.rows[:1],
+                   signals={n: v.mean(keepdims=True) for n, v in log.signals.items()},
+                   meta={**log.meta, "samples": log.time.size, "deviation": deviation})
+
+
+# --- derivatives ----------------------------------------------------------------------------------------------------
+
+
+def resolution(values):
+    """Step of a quantised signal, or the step that would scatter like its noise, whichever is larger.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    float
+        In the unit of the values; 0.0 for a constant.
+    """
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > 0]
+    if steps.size == 0 or values.size < _LEAST:
+        return 0.0
+    third, travel = np.diff(values, 3), np.abs(values[3:] - values[:-3])  # what is smooth over four samples is gone
+    slow = third[travel <= np.median(travel)]  # jerk and uneven sampling show in fast motion
+    noise = 1.4826 * np.median(np.abs(slow - np.median(slow))) / np.sqrt(20.0)
+    # the smallest step of a continuous signal is rounding, not an encoder's: an encoder's repeats
+    smallest = steps.min()
+    multiples = steps / smallest
+    quantised = np.mean(np.abs(multiples - np.round(multiples)) < 0.01) > 0.99 and multiples.max() < 1e3
+    return float(max(noise * np.sqrt(12.0), smallest if quantised else 0.0))
+
+
+def default_window(time, quantum):
+    """Window of `derivatives` that is as short as the angle's resolution allows.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        [s]
+    quantum : float
+        Resolution of the angle [rad], see `resolution`.
+
+    Returns
+    -------
+    float
+        Full width [s]: the speed's scatter stays near 0.005 rad/s, with nine samples at least and 0.3 s at most (or
+        nine samples, if that is longer).
+    """
+    step = float(np.median(np.diff(time)))
+    # variance of the slope of a cubic over N = T / step samples: 75 sigma^2 / (N T^2), sigma = quantum / sqrt(12)
+    needed = (75.0 * quantum**2 / 12.0 * step / _SPEED_NOISE**2) ** (1 / 3)
+    return max(min(needed, _LONGEST_WINDOW), 8.0 * step)
+
+
+def derivatives(time, values, window):
+    """First and second derivative by a cubic fitted to the samples around each sample.
+
+    Symmetric in time, hence without phase lag; within half a window of the ends the window stays whole and becomes
+    one-sided. Sampling may be irregular.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Strictly increasing [s].
+    values : ndarray, shape (n,)
+    window : float
+        Full width [s]; where it holds fewer than five samples, the five nearest in order are used.
+
+    Returns
+    -------
+    first, second : ndarray, shape (n,)
+        In the unit of the values per s and per s2.
+
+    Raises
+    ------
+    DataError
+        Fewer than five samples.
+    """
+    n = len(time)
+    if n < _LEAST:
+        raise DataError(f"{n} samples are too few for a derivative; at least {_LEAST} are needed")
+    half = window / 2 * (1 + 1e-9)  # a sample on the edge of the window is in, whatever the rounding
+    centre = np.clip(time, min(time[0] + half, time[-1]), max(time[-1] - half, time[0]))
+    low = np.searchsorted(time, centre - half, side="left")
+    high = np.searchsorted(time, centre + half, side="right")
+    few = high - low < _LEAST
+    low[few] = np.clip(np.arange(n)[few] - _LEAST // 2, 0, n - _LEAST)
+    high[few] = low[few] + _LEAST
+    width = int((high - low).max())
+    size = max(1, _CHUNK // width)
+    parts = [_local_cubic(time, values, low[k:k + size], high[k:k + size], k, width) for k in range(0, n, size)]
+    return tuple(np.concatenate(p) for p in zip(*parts))
+
+
+def _local_cubic(time, values, low, high, first, width):
+    """Derivatives at samples first, first + 1, .. from the samples low to high - 1 of each."""
+    here = np.arange(first, first + low.size)
+    index = low[:, None] + np.arange(width)
+    inside = index < high[:, None]
+    index = np.minimum(index, time.size - 1)
+    x = np.where(inside, time[index] - time[here, None], 0.0)
+    scale = np.abs(x).max(axis=1, keepdims=True)
+    x /= scale
+    y = np.where(inside, values[index] - values[here, None], 0.0)
+    moments, right = np.empty((2 * _DEGREE + 1, low.size)), np.empty((_DEGREE + 1, low.size))
+    power = inside.astype(float)
+    for k in range(2 * _DEGREE + 1):
+        moments[k] = power.sum(axis=1)
+        if k <= _DEGREE:
+            right[k] = (power * y).sum(axis=1)
+        power *= x
+    orders = np.arange(_DEGREE + 1)
+    normal = moments[orders[:, None] + orders].transpose(2, 0, 1)
+    solution = np.linalg.solve(normal, right.T[:, :, None])[:, :, 0]
+    return solution[:, 1] / scale[:, 0], 2.0 * solution[:, 2] / scale[:, 0] ** 2

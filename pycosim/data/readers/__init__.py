@@ -1,0 +1,258 @@
+"""A log file of some format comes in; Tables of named columns go out. One module a format, registered here."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ...core.errors import DataError, StudyError, closest
+
+# name in `[data] reader`, or ending of the file: module with `read(path, wanted, text) -> Table`, or, where a file may
+# be larger than memory, `parts(path, wanted, text) -> rows, iterator of Table`, see `read_parts`
+READERS = {"bam": "bam", "epos": "epos", ".csv": "comma", ".parquet": "parquet", ".pq": "parquet", ".mat": "matlab",
+           ".mcap": "mcap", ".mf4": "mdf", ".mdf": "mdf"}
+
+
+BLOCK = 2**22
+"""Bytes of text that are held at a time."""
+
+
+@dataclass
+class Table:
+    """What is in a file or in a part of it, before the study's columns are looked up.
+
+    Attributes
+    ----------
+    columns : dict of str to ndarray, shape (n,)
+        Numbers in the file's units, or text for the label column.
+    header : list of str
+        Every column of the file, also those not read.
+    rows : ndarray of int, shape (n,)
+        Row of each sample as an editor shows it.
+    dropped : list of (int, int)
+        Rows that the format itself says are not to be used.
+    meta : dict
+        What the file says about the run.
+    """
+
+    columns: dict
+    header: list
+    rows: np.ndarray
+    dropped: list = field(default_factory=list)
+    meta: dict = field(default_factory=dict)
+
+
+def read_parts(path, name, wanted, text):
+    """Read a file with the reader of this name, or the one its ending asks for.
+
+    Parameters
+    ----------
+    path : Path
+    name : str or None
+        Reader, as in `[data] reader`.
+    wanted : set of str
+        Columns to read as numbers; those that the file lacks are left out.
+    text : str
+        Column to read as text.
+
+    Returns
+    -------
+    rows : int
+        Rows of data in the file.
+    tables : iterator of Table
+        At least one, in order of rows; all have the same columns.
+
+    Raises
+    ------
+    DataError
+    """
+    refuse_no_file(path)
+    key = name or path.suffix.lower()
+    if key not in READERS:
+        if name:
+            raise StudyError(f"no reader '{name}'{closest(name, [r for r in READERS if r[0] != '.'])}")
+        raise DataError(f"{path}: cannot tell the format from the ending '{path.suffix}'; use "
+                        f"{', '.join(r for r in READERS if r[0] == '.')}, or set [data] reader")
+    module = importlib.import_module(f".{READERS[key]}", __package__)
+    if hasattr(module, "parts"):
+        return module.parts(path, wanted, text)
+    table = module.read(path, wanted, text)
+    return table.rows.size, iter([table])
+
+
+def refuse_no_file(path):
+    """Raise DataError for what is not a file with something in it.
+
+    Parameters
+    ----------
+    path : Path
+    """
+    if path.is_dir():
+        raise DataError(f"{path}: is a folder; name the files in it")
+    if not path.exists():
+        near = closest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
+        raise DataError(f"no log {path}{near if 'closest' in near else ''}")
+    try:
+        if path.stat().st_size == 0:
+            raise DataError(f"{path}: the file is empty")
+        path.open("rb").close()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def read_text(path, encoding="utf-8-sig"):
+    """The text of a file, or DataError when it is not text.
+
+    Parameters
+    ----------
+    path : Path
+    encoding : str
+
+    Returns
+    -------
+    str
+    """
+    return "".join(text_blocks(path, encoding))
+
+
+def text_blocks(path, encoding="utf-8-sig"):
+    """The text of a file in blocks of whole lines.
+
+    Parameters
+    ----------
+    path : Path
+    encoding : str
+
+    Yields
+    ------
+    str
+
+    Raises
+    ------
+    DataError
+        The file is not text.
+    """
+    row = 1
+    with Path(path).open("rb") as stream:
+        while raw := stream.read(BLOCK) + stream.readline():
+            if b"\0" in raw:
+                raise DataError(f"{path}: is a binary file, not text; export the log as comma-separated text")
+            try:
+                text = raw.decode(encoding)
+            except UnicodeDecodeError as error:
+                row += raw.count(b"\n", 0, error.start)
+                raise DataError(f"{path}, row {row}: is not UTF-8 text; save the file as UTF-8, "
+                                "or set [data] reader") from None
+            yield text
+            row += raw.count(b"\n")
+            encoding = encoding.removesuffix("-sig")  # a byte-order mark stands at the start alone
+
+
+def optional(path, package, module, kind, extra):
+    """A module that only one format needs.
+
+    Parameters
+    ----------
+    path : Path
+        File that asks for it.
+    package, module : str
+        What to install, and what to import of it.
+    kind, extra : str
+        Name of the format, and the extra of this project that brings the package.
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    DataError
+        It is not installed.
+    """
+    try:
+        importlib.import_module(package)
+        return importlib.import_module(module)
+    except ImportError:
+        raise DataError(f"{path}: {kind} files need {package}; "
+                        f"pip install 'pycosim-drivetrain[{extra}]'") from None
+
+
+def numbers(path, name, values):
+    """A column as floats.
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        Column.
+    values : array_like, shape (n,)
+        NaN or None where nothing was recorded.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    DataError
+        Some of it is no number.
+    """
+    values = np.asarray(values)
+    if values.ndim != 1:
+        shape = " x ".join(map(str, values.shape)) or "a single value"
+        raise DataError(f"{path}, column '{name}': holds {shape}, not one number a sample")
+    if values.dtype.kind in "iuf":
+        return values.astype(float)
+    for k, value in enumerate(values.tolist(), 1):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float))):
+            raise DataError(f"{path}, column '{name}': holds '{str(value)[:40]}' in sample {k}, not a number")
+    return np.array([np.nan if v is None else v for v in values.tolist()], dtype=float)
+
+
+def one_clock(path, times):
+    """The time of columns that were all sampled together.
+
+    Parameters
+    ----------
+    path : Path
+    times : dict of str to ndarray
+        Time [s] of each column's samples.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    DataError
+        Two columns have clocks of their own: to interpolate between them is for who knows the signals.
+    """
+    (first, time), *others = times.items()
+    for name, other in others:
+        if len(other) != len(time) or not np.array_equal(other, time):
+            raise DataError(f"{path}: columns '{first}' and '{name}' were not sampled at the same times ({len(time)} "
+                            f"and {len(other)} samples); bring them to one clock, or map columns that share one")
+    return time
+
+
+def ranges(rows):
+    """Sorted row numbers as stretches.
+
+    Parameters
+    ----------
+    rows : sequence of int
+
+    Returns
+    -------
+    list of (int, int)
+        First and last row of each.
+    """
+    rows = np.asarray(rows, dtype=int)
+    if not rows.size:
+        return []
+    starts = np.flatnonzero(np.diff(rows, prepend=rows[0] - 2) > 1)
+    ends = np.append(starts[1:], rows.size) - 1
+    return [(int(rows[a]), int(rows[b])) for a, b in zip(starts, ends)]

@@ -1,0 +1,221 @@
+"""Samples and a model in, residuals and their exact derivatives out, block by block."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ..compile import ArrayFunction
+from .noise import chained
+from ..dynamics.states import dependent_parameters
+
+_CHUNK = 8192
+
+
+@dataclass
+class Term:
+    """One evaluation of the model at a set of samples, with its weight in the residual.
+
+    A residual against a reference is one term of weight 1; a paired residual is half the out pass minus half the back
+    pass.
+    """
+
+    weight: float
+    signals: dict
+    states: np.ndarray
+    sensitivities: np.ndarray
+
+
+class Residuals:
+    """Measured minus modelled, for chosen samples, as a function of the free parameters.
+
+    Parameters
+    ----------
+    question : Question
+    channels : list of str
+        Outputs of the question that are compared.
+    measured : ndarray, shape (channels, n)
+    terms : callable
+        ``terms(parameters, free) -> list of Term``: the samples, with friction states for these parameters.
+    free : list of str
+        Parameters to differentiate by.
+    parameters : dict of str to float
+        All parameters.
+    time, group, block : ndarray, shape (n,)
+        Time of each sample, the pass and the block it belongs to.
+    names : list of str, optional
+        What the errors are called, where not as the channels.
+    linked : bool
+        Whether noise goes on from one pass to the next: samples in the order of time, each compared with a reference.
+    lags : ndarray, shape (n,), optional
+        Of paired samples, the time between both [s].
+    colour : float
+        What interpolation does to white noise; both as of `noise.Chain`.
+    """
+
+    def __init__(self, question, channels, measured, terms, free, parameters, time, group, block,
+                 names=None, linked=False, lags=None, colour=1.0):
+        self.time, self.group, self.block = time, group, block
+        self.linked, self.lags, self.colour = linked, lags, colour
+        self.question = question
+        self.channels, self.measured = list(channels), measured
+        self.names = list(channels if names is None else names)
+        self.free, self.parameters = list(free), dict(parameters)
+        self.selected = question.select(channels)
+        self.terms = terms
+        self.of_states = [n for n in dependent_parameters(question) if n in self.free]
+        self._build()
+
+    def _build(self):
+        """Functions of value and derivatives, compiled once a question and choice of free parameters."""
+        key = (tuple(self.channels), tuple(self.free), tuple(self.of_states))
+        made = self.question.__dict__.setdefault("_residual_functions", {})
+        if key not in made:
+            self._compile()
+            made[key] = (self.known, self.function, self.slots, self.state_slots, self.plain)
+        self.known, self.function, self.slots, self.state_slots, self.plain = made[key]
+
+    def _compile(self):
+        q = self.selected
+        u, x, p = q.symbols()
+        y = q.output(u, x, p)
+        columns = ca.vertcat(*[p[q.parameters.index(n)] for n in self.free if n in q.parameters], ca.SX(0, 1))
+        self.known = [k for k, n in enumerate(self.free) if n in q.parameters]
+        slope = ca.jacobian(y, columns) if columns.numel() else ca.SX(y.numel(), 0)
+        outputs = ca.cse([y, slope] + ([ca.jacobian(y, x)] if self.of_states else []))
+        self.function = ArrayFunction(ca.Function("residual", [u, x, p], [ca.densify(outputs[0]), *outputs[1:]]))
+        rows, cols = outputs[1].sparsity().get_triplet()
+        self.slots = [(r, self.known[c]) for r, c in zip(rows, cols)]
+        self.state_slots = list(zip(*outputs[2].sparsity().get_triplet())) if self.of_states else []
+        self.plain = ArrayFunction(ca.Function("model", [u, x, p], [ca.densify(ca.cse(y))]))
+
+    @property
+    def n(self):
+        """Number of samples."""
+        return self.measured.shape[1]
+
+    @property
+    def chain(self):
+        """How the noise of the samples hangs together."""
+        return chained(self.time, self.group, self.linked, self.lags, self.colour)
+
+    def thin(self, k):
+        """The same problem on every k-th sample.
+
+        Parameters
+        ----------
+        k : int
+
+        Returns
+        -------
+        Residuals
+        """
+        def terms(parameters, free):
+            return [Term(t.weight, {n: _slice(v, slice(None, None, k)) for n, v in t.signals.items()},
+                         t.states[:, ::k], t.sensitivities[:, :, ::k]) for t in self.terms(parameters, free)]
+        fewer = copy.copy(self)  # shares the compiled functions
+        fewer.measured, fewer.terms = self.measured[:, ::k], terms
+        fewer.time, fewer.group, fewer.block = self.time[::k], self.group[::k], self.block[::k]
+        fewer.lags, fewer.colour = None if self.lags is None else self.lags[::k], 1.0
+        return fewer
+
+    def _arguments(self, term, parameters, where):
+        q = self.selected
+        return ([_slice(term.signals.get(n, 0.0), where) for n in q.inputs] + [s[where] for s in term.states]
+                + [float(parameters[n]) for n in q.parameters])
+
+    def blocks(self, x, where=None):
+        """Yield (slice, residual, derivative of the model) over consecutive samples.
+
+        Parameters
+        ----------
+        x : sequence of float
+            Values of the free parameters.
+        where : slice, optional
+            Samples wanted.
+
+        Yields
+        ------
+        slice, ndarray of shape (channels, m), ndarray of shape (channels, free, m)
+        """
+        parameters = {**self.parameters, **dict(zip(self.free, x))}
+        terms = self.terms(parameters, self.of_states)
+        where = where or slice(0, self.n)
+        for start in range(where.start, where.stop, _CHUNK):
+            part = slice(start, min(start + _CHUNK, where.stop))
+            m = part.stop - part.start
+            residual = self.measured[:, part].copy()
+            slope = np.zeros((len(self.channels), len(self.free), m))
+            for term in terms:
+                self._add(term, parameters, part, m, residual, slope)
+            yield part, residual, slope
+
+    def _add(self, term, parameters, part, m, residual, slope):
+        for inner, values in self.function.blocks(self._arguments(term, parameters, part), m):
+            c = len(self.channels)
+            residual[:, inner] -= term.weight * values[:c]
+            for k, (channel, column) in enumerate(self.slots):
+                slope[channel, column, inner] += term.weight * values[c + k]
+            offset = c + len(self.slots)
+            for k, (channel, state) in enumerate(self.state_slots):
+                for f, name in enumerate(self.of_states):
+                    moved = term.sensitivities[f, state, part][inner]
+                    slope[channel, self.free.index(name), inner] += term.weight * values[offset + k] * moved
+
+    def residual(self, x, some=slice(None)):
+        """Residual of all samples, or of some.
+
+        Parameters
+        ----------
+        x : sequence of float
+            Values of the free parameters.
+        some : slice or ndarray of int
+
+        Returns
+        -------
+        ndarray, shape (channels, n)
+            In the channels' units.
+        """
+        parameters = {**self.parameters, **dict(zip(self.free, x))}
+        result = self.measured[:, some].copy()
+        for term in self.terms(parameters, ()):
+            for inner, values in self.plain.blocks(self._arguments(term, parameters, some), result.shape[1]):
+                result[:, inner] -= term.weight * values
+        return result
+
+    def gram(self, x, weights, robust=False):
+        """Moments of the weighted derivative and residual, [J r]' [J r].
+
+        They hold all a least-squares step needs, whatever the number of samples.
+
+        Parameters
+        ----------
+        x : sequence of float
+        weights : sequence of float
+            One a channel.
+        robust : bool
+            Weigh residuals beyond 1.345 median spreads down (Huber).
+
+        Returns
+        -------
+        ndarray, shape (p + 1, p + 1)
+        """
+        p = len(self.free)
+        total = np.zeros((p + 1, p + 1))
+        for _, residual, slope in self.blocks(x):
+            for c, weight in enumerate(weights):
+                stacked = np.vstack([slope[c], residual[c][None]]) * weight
+                if robust:
+                    size = np.abs(residual[c]) / (1.4826 * np.median(np.abs(residual[c])) + 1e-300)
+                    stacked *= np.sqrt(np.minimum(1.0, 1.345 / np.maximum(size, 1e-9)))
+                total += stacked @ stacked.T
+        return total
+
+
+def _slice(value, where):
+    return value[where] if isinstance(value, np.ndarray) else value
+
+

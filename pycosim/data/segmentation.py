@@ -1,0 +1,622 @@
+"""Times, speeds and configurations of runs come in; moving samples, passes, blocks, folds and crossing pairs go out.
+
+Nothing here trusts a label. Several runs are handled at once: their arrays are concatenated, and ``run`` (n,) numbers
+them; time needs to increase within a run only.
+
+    moving samples -> passes (one way along a line) -> blocks (out and back) -> test part, folds
+                                                    -> pairs (out and back through one configuration)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..core.errors import DataError
+
+W_MIN = 0.02
+"""Least speed [rad/s] that can count as moving."""
+_GAP = 10.0  # sample intervals without a sample that break a pass
+_FLICKER = 0.05  # s below w_min that do not break a pass: noise at its slow ends
+_PLATEAU = 0.25  # s of constant speed that make a commanded level
+_LEVEL = 0.15  # relative difference of two commanded levels
+_SHORTEST = 5  # samples of a pass that can be one half of a block
+_SHORT = 0.25  # of the tolerance: a shorter way is no pass of its own
+_OPPOSITE = -0.9  # cosine between the directions of out and back
+
+
+# --- moving ---------------------------------------------------------------------------------------------------------
+
+
+def _stretches(key):
+    """First and one-past-last index of stretches of equal key, shape (k, 2)."""
+    key = np.asarray(key)
+    if key.size == 0:
+        return np.empty((0, 2), dtype=int)
+    edges = np.flatnonzero(key[1:] != key[:-1]) + 1
+    return np.column_stack([np.append(0, edges), np.append(edges, key.size)])
+
+
+def _smooth(values, width):
+    """Centred moving average along the last axis, windows cut at the ends."""
+    n = values.shape[-1]
+    total = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
+    low, high = np.maximum(np.arange(n) - width // 2, 0), np.minimum(np.arange(n) + width // 2 + 1, n)
+    return (total[..., high] - total[..., low]) / (high - low)
+
+
+def standstill(speeds):
+    """Samples at rest: the longest stretches in which every speed averages to nearly nothing.
+
+    Parameters
+    ----------
+    speeds : ndarray, shape (m, n)
+        Speeds of all segments [rad/s].
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        The inner part of each stretch; all False where nothing rests.
+    """
+    speeds = np.atleast_2d(np.asarray(speeds, dtype=float))
+    # an average tells slow travel from noise about zero, which the size of single speeds cannot; the longer the surer
+    for width in (51, 25, 11, 5):
+        quiet = np.all(np.abs(_smooth(speeds, width)) < W_MIN, axis=0)
+        found = [(a, b) for a, b in _stretches(quiet) if quiet[a] and b - a >= 2 * width]
+        if sum(b - a for a, b in found) > 0.01 * quiet.size:
+            break
+    rest = np.zeros(speeds.shape[1], dtype=bool)
+    longest = max((b - a for a, b in found), default=0)
+    for a, b in found:
+        trim = max((b - a) // 10, width // 2)  # ramps reach into a smoothed stretch
+        if b - a >= longest / 2:
+            rest[a + trim:b - trim] = True
+    return rest
+
+
+def default_w_min(speeds, rest_mask=None):
+    """Speed above which a sample is moving: the larger of 0.02 rad/s and 5 standard deviations at standstill.
+
+    Parameters
+    ----------
+    speeds : ndarray, shape (m, n)
+        [rad/s]
+    rest_mask : ndarray of bool, shape (n,), optional
+        Samples at rest; found from the speeds by `standstill` if not given. Labels do not belong here.
+
+    Returns
+    -------
+    float
+        [rad/s]
+    """
+    speeds = np.atleast_2d(np.asarray(speeds, dtype=float))
+    rest = standstill(speeds) if rest_mask is None else np.asarray(rest_mask, dtype=bool)
+    # about each stretch's own mean: creep is not noise
+    parts = [speeds[:, a:b] - speeds[:, a:b].mean(axis=1, keepdims=True)
+             for a, b in _stretches(rest) if rest[a] and b - a > 1]
+    if not parts:
+        return W_MIN
+    return float(max(W_MIN, 5.0 * np.concatenate(parts, axis=1).std(axis=1).max()))
+
+
+def moving(speeds, w_min):
+    """Samples in which every segment is faster than ``w_min``.
+
+    Parameters
+    ----------
+    speeds : ndarray, shape (m, n)
+        [rad/s]
+    w_min : float
+        [rad/s]
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    return np.all(np.abs(np.atleast_2d(speeds)) > w_min, axis=0)
+
+
+# --- passes ---------------------------------------------------------------------------------------------------------
+
+
+def _interval(time, run):
+    """Median sample interval within runs [s]."""
+    step = np.diff(time)[run[1:] == run[:-1]]
+    return float(np.median(step)) if step.size else 1.0
+
+
+def passes(time, speeds, moving, run=None):
+    """Number the passes: stretches of motion one way, at one commanded speed, ramps included.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        [s]
+    speeds : ndarray, shape (m, n)
+        [rad/s]
+    moving : ndarray of bool, shape (n,)
+    run : ndarray of int, shape (n,), optional
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        In order of time; -1 where not moving. Standstill, a change of any segment's sign, a gap in time, another run
+        and another constant speed begin a new pass; noise and ramps do not.
+    """
+    time, speeds, moving = np.asarray(time), np.atleast_2d(speeds), np.asarray(moving, dtype=bool)
+    run = np.zeros(time.size, dtype=int) if run is None else np.asarray(run)
+    found = np.full(time.size, -1)
+    index = np.flatnonzero(moving)
+    if index.size == 0:
+        return found
+    step = _interval(time, run)
+    pause = np.diff(time[index])
+    lost = np.diff(index) == 1  # neighbours in the log, so a long interval between them is a gap in it
+    new = np.any(np.diff(np.sign(speeds[:, index]), axis=1) != 0, axis=0) | (np.diff(run[index]) != 0)
+    new |= np.where(lost, pause > _GAP * step, pause > max(_FLICKER, 2.5 * step))
+    stretch = np.append(0, np.cumsum(new))
+    level = np.abs(speeds[:, index]).max(axis=0)
+    for a, b in _stretches(stretch):
+        for cut in _level_changes(level[a:b], step):
+            new[a + cut - 1] = True
+    found[index] = np.append(0, np.cumsum(new))
+    return found
+
+
+def _level_changes(level, step):
+    """Indices at which a speed goes from one plateau to another; none for ramps, noise and continuous variation."""
+    least = max(int(round(_PLATEAU / step)), 8)
+    if level.size < 3 * least:
+        return []
+    reach = max(least // 2, 2)
+    smooth = np.log(_smooth(level, reach | 1))
+    change = np.full(level.size, np.inf)
+    change[reach:-reach] = np.abs(smooth[2 * reach:] - smooth[:-2 * reach])
+    flat = change < _LEVEL / 5
+    plateaus = [(a, b, float(np.median(smooth[a:b]))) for a, b in _stretches(flat) if flat[a] and b - a >= least]
+    cuts = []
+    for (start, end, before), (begin, stop, after) in zip(plateaus, plateaus[1:]):
+        # a commanded step is short against the levels it joins; the flat tops of slow variation are not levels
+        if abs(after - before) > _LEVEL and begin - end < min(end - start, stop - begin):
+            between = smooth[end - 1:begin + 1]
+            cuts.append(end - 1 + int(np.argmin(np.abs(between - (before + after) / 2))))
+    return cuts
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """One pass as a straight line."""
+
+    first: int
+    last: int
+    count: int
+    run: int
+    begin: np.ndarray
+    end: np.ndarray
+
+    @property
+    def length(self):
+        return float(np.linalg.norm(self.end - self.begin))
+
+    @property
+    def direction(self):
+        return (self.end - self.begin) / max(self.length, 1e-300)
+
+    @property
+    def middle(self):
+        return (self.begin + self.end) / 2
+
+
+def _summaries(config, pass_id, run):
+    found = {}
+    inside = np.flatnonzero(pass_id >= 0)
+    order = inside[np.argsort(pass_id[inside], kind="stable")]
+    for a, b in _stretches(pass_id[order]):
+        k = order[a:b]
+        found[int(pass_id[k[0]])] = _Pass(k[0], k[-1], k.size, int(run[k[0]]), config[:, k[0]], config[:, k[-1]])
+    return found
+
+
+def _extent(config):
+    """Size of the travelled region [rad]."""
+    return float(np.linalg.norm(np.ptp(config, axis=1))) if config.shape[1] else 0.0
+
+
+def _opposite(a, b, tolerance):
+    """Whether two passes go opposite ways over the same stretch of a line."""
+    if a.length == 0 or b.length == 0 or a.direction @ b.direction > _OPPOSITE:
+        return False
+    along = sorted([float((b.begin - a.begin) @ a.direction), float((b.end - a.begin) @ a.direction)])
+    overlap = min(along[1], a.length) - max(along[0], 0.0)
+    away = b.middle - a.begin
+    away = away - (away @ a.direction) * a.direction
+    # a line that is a few degrees off leaves the other one over its length
+    return overlap > 0.5 * min(a.length, b.length) and np.linalg.norm(away) < tolerance + 0.05 * min(a.length, b.length)
+
+
+# --- blocks ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Stretches of runs that are fitted or held out as a whole: out and back over one line, with the reversal.
+
+    Attributes
+    ----------
+    index : ndarray of int, shape (n,)
+        Block of each sample; -1 for samples of blocks that `take` left out.
+    run, line, repeat : ndarray of int, shape (b,)
+        Run; line in configuration space; how many blocks of this line and speed came before.
+    speed : ndarray, shape (b,)
+        Commanded speed [rad/s]: largest |w|, its median over the block, equal for blocks within about 10 %; 0 without
+        motion.
+    t0, t1 : ndarray, shape (b,)
+        First and last time [s].
+    """
+
+    index: np.ndarray
+    run: np.ndarray
+    line: np.ndarray
+    speed: np.ndarray
+    repeat: np.ndarray
+    t0: np.ndarray
+    t1: np.ndarray
+
+    def __len__(self):
+        return len(self.run)
+
+    def samples(self, mask):
+        """Samples of some blocks.
+
+        Parameters
+        ----------
+        mask : ndarray of bool, shape (b,)
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        return np.append(np.asarray(mask, dtype=bool), False)[self.index]
+
+    def take(self, mask):
+        """Only some blocks; their samples are numbered anew.
+
+        Parameters
+        ----------
+        mask : ndarray of bool, shape (b,)
+
+        Returns
+        -------
+        Blocks
+        """
+        mask = np.asarray(mask, dtype=bool)
+        number = np.append(np.where(mask, np.cumsum(mask) - 1, -1), -1)
+        parts = {k: getattr(self, k)[mask] for k in ("run", "line", "speed", "repeat", "t0", "t1")}
+        return replace(self, index=number[self.index], **parts)
+
+
+def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
+    """Cut runs into out-and-back blocks.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        [s]
+    config : ndarray, shape (d, n)
+        Independent angles [rad].
+    pass_id : ndarray of int, shape (n,)
+        From `passes`.
+    speeds : ndarray, shape (m, n)
+        Speeds of all segments [rad/s].
+    run : ndarray of int, shape (n,), optional
+    tolerance : float, optional
+        Distance [rad] within which two lines are one; default 2 % of the travelled region.
+
+    Returns
+    -------
+    Blocks
+        In order of time; every sample is in exactly one. Passes without a way back belong to the nearest block; a run
+        without any out-and-back is one block.
+    """
+    time, config, pass_id = np.asarray(time), np.atleast_2d(config), np.asarray(pass_id)
+    run = np.zeros(time.size, dtype=int) if run is None else np.asarray(run)
+    tolerance = 0.02 * _extent(config) if tolerance is None else tolerance
+    known = list(_summaries(config, pass_id, run).values())
+    index, couples = np.empty(time.size, dtype=int), []
+    for a, b in _stretches(run):
+        mine = [p for p in known if a <= p.first < b]
+        found = _couples(mine, tolerance)
+        cuts = [_cut(mine, p, q, time) for (_, p), (q, _) in zip(found, found[1:])]
+        index[a:b] = len(couples) + np.searchsorted(cuts, time[a:b], side="right")
+        couples += found or [[max(mine, key=lambda p: p.length)] if mine else []]
+    bounds = _stretches(index)
+    speed = _speed_keys(np.array([_level(speeds, pass_id, couple) for couple in couples]))
+    line = _line_keys([couple[0] if couple else None for couple in couples], tolerance)
+    first, last = bounds[:, 0], bounds[:, 1] - 1
+    return Blocks(index, run[first], line, speed, _repeats(line, speed), time[first], time[last])
+
+
+def _couples(mine, tolerance):
+    """Pairs of neighbours that are out and back; first come, first served."""
+    able = [p for p in mine if p.count >= _SHORTEST and p.length > tolerance * _SHORT]
+    found, k = [], 0
+    while k < len(able) - 1:
+        both = _opposite(able[k], able[k + 1], tolerance) and _alike(able[k].length, able[k + 1].length, tolerance)
+        if both:
+            found.append([able[k], able[k + 1]])
+        k += 2 if both else 1
+    return found
+
+
+def _alike(a, b, tolerance):
+    """Whether two lengths belong together: short ways must be equal, a long one may have lost an end."""
+    return min(a, b) > tolerance or max(a, b) < 1.5 * min(a, b)
+
+
+def _cut(mine, last, first, time):
+    """Time between two blocks: in the longest pause, so that passes between them stay with the nearer one."""
+    row = [p for p in mine if last.first <= p.first <= first.first]
+    _, p, q = max(((time[q.first] - time[p.last], p, q) for p, q in zip(row, row[1:])), key=lambda pause: pause[0])
+    return (time[p.last] + time[q.first]) / 2
+
+
+def _level(speeds, pass_id, couple):
+    """Median of the largest |w| in the passes of a block [rad/s]."""
+    speeds = np.abs(np.atleast_2d(speeds)).max(axis=0)
+    parts = [speeds[p.first:p.last + 1][pass_id[p.first:p.last + 1] >= 0] for p in couple]
+    return float(np.median(np.concatenate(parts))) if parts else 0.0
+
+
+def _line_keys(heads, tolerance):
+    """Number lines by direction and offset, in order of appearance; a block without motion has a line of its own."""
+    lines, keys = [], []
+    for head in heads:
+        if head is None or head.length == 0:
+            keys.append(-1)
+            continue
+        for key, line in enumerate(lines):
+            away = head.middle - line.middle
+            away = away - (away @ line.direction) * line.direction
+            if abs(head.direction @ line.direction) > 0.998 and np.linalg.norm(away) < tolerance:
+                keys.append(key)
+                break
+        else:
+            keys.append(len(lines))
+            lines.append(head)
+    return np.array(keys, dtype=int)
+
+
+def _speed_keys(level):
+    """Replace speeds within about 10 % of each other by their common median."""
+    key = np.zeros(level.size)
+    order = [k for k in np.argsort(level, kind="stable") if level[k] > 0]
+    while order:
+        # bins start at a measured speed, not on a fixed grid, whose edges could cut one commanded speed in two
+        group = [k for k in order if level[k] <= 1.1 * level[order[0]]]
+        key[group] = np.median(level[group])
+        order = order[len(group):]
+    return key
+
+
+def _repeats(line, speed):
+    seen, found = {}, []
+    for pair in zip(line.tolist(), speed.tolist()):
+        found.append(seen.get(pair, 0))
+        seen[pair] = found[-1] + 1
+    return np.array(found, dtype=int)
+
+
+# --- test part and folds --------------------------------------------------------------------------------------------
+
+
+def split(blocks, n_runs, held_out_runs=()):
+    """Choose the test part, before any fit.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    n_runs : int
+    held_out_runs : sequence of int
+        Runs that the study holds out.
+
+    Returns
+    -------
+    ndarray of bool, shape (b,)
+        The held-out runs, else every fourth run. Fewer than four runs: the last repeat of each (line, speed), else
+        every fourth block, or the last of fewer; of one alone, nothing. A run that was planned to follow another is
+        thus fitted, and not held out as a whole.
+
+    Raises
+    ------
+    DataError
+        Every run is held out.
+    """
+    if len(held_out_runs):
+        if set(range(n_runs)) <= set(held_out_runs):
+            raise DataError("every run is held out, so nothing is left to fit; leave at least one in [data] runs")
+        return np.isin(blocks.run, list(held_out_runs))
+    if n_runs > 3:
+        return np.isin(blocks.run, np.arange(3, n_runs, 4))
+    keys = list(zip(blocks.line.tolist(), blocks.speed.tolist()))
+    last = {key: k for k, key in enumerate(keys)}
+    test = np.array([last[key] == k for k, key in enumerate(keys)], dtype=bool) & (blocks.repeat > 0)
+    if not test.any():
+        test[3::4] = True
+        test[-1] |= 1 < len(test) < 4
+    return test
+
+
+def folds(blocks_fit, k=5):
+    """Deal fit blocks to folds so that each holds its share of every line and speed.
+
+    Parameters
+    ----------
+    blocks_fit : Blocks
+        The blocks that are not in the test part.
+    k : int
+        Number of folds; the number of blocks if that is smaller.
+
+    Returns
+    -------
+    ndarray of int, shape (b,)
+    """
+    order = np.lexsort((blocks_fit.repeat, blocks_fit.speed, blocks_fit.line))
+    found = np.empty(len(blocks_fit), dtype=int)
+    # dealt in order of (line, speed): equal ones go to different folds, and no fold is two larger than another
+    found[order] = np.arange(len(blocks_fit)) % max(1, min(k, len(blocks_fit)))
+    return found
+
+
+# --- pairs ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Crossings of one configuration, out and back.
+
+    Attributes
+    ----------
+    i : ndarray of int, shape (p,)
+        Samples of the earlier pass.
+    j0, j1 : ndarray of int, shape (p,)
+        Neighbouring samples of the later pass, before and after the crossing.
+    weight : ndarray, shape (p,)
+        Of j1; 1 - weight is that of j0.
+    """
+
+    i: np.ndarray
+    j0: np.ndarray
+    j1: np.ndarray
+    weight: np.ndarray
+
+    def at(self, values):
+        """Values at the crossings.
+
+        Parameters
+        ----------
+        values : ndarray, shape (.., n)
+
+        Returns
+        -------
+        earlier, later : ndarray, shape (.., p)
+            Of the earlier pass, and interpolated on the later.
+        """
+        return values[..., self.i], values[..., self.j0] * (1 - self.weight) + values[..., self.j1] * self.weight
+
+    def lags(self, time):
+        """Time between both ways.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,)
+            [s]
+
+        Returns
+        -------
+        ndarray, shape (p,)
+            [s]
+        """
+        earlier, later = self.at(time)
+        return later - earlier
+
+    @property
+    def colour(self):
+        """Variance of white noise in the mean over all pairs, over that of pairs that have no sample in common."""
+        own = np.sum(1 + self.weight**2 + (1 - self.weight)**2)
+        shares = np.bincount(np.r_[self.j0, self.j1], np.r_[1 - self.weight, self.weight])
+        return float((len(self.i) + np.sum(shares**2)) / own) if len(self.i) else 1.0
+
+
+def pairs(config, pass_id, run=None, tolerance=None, block=None):
+    """Find the way back through the configuration of every sample.
+
+    Parameters
+    ----------
+    config : ndarray, shape (d, n)
+        Independent angles [rad].
+    pass_id : ndarray of int, shape (n,)
+    run : ndarray of int, shape (n,), optional
+    tolerance : float, optional
+        Distance [rad] of the crossing; default 0.5 % of the travelled region.
+    block : ndarray of int, shape (n,), optional
+        Keeps both ends of a pair in one block, so that no pair ties the test part to the fit.
+
+    Returns
+    -------
+    Pairs
+        The earlier pass gives ``i``. The partner is the next pass that comes back through the configuration; a sample
+        is used on one side of one pair only, so no measurement counts twice.
+    """
+    config, pass_id = np.atleast_2d(config), np.asarray(pass_id)
+    run = np.zeros(pass_id.size, dtype=int) if run is None else np.asarray(run)
+    tolerance = 0.005 * _extent(config) if tolerance is None else tolerance
+    known = list(_summaries(config, pass_id, run).values())
+    members = [np.flatnonzero(pass_id[p.first:p.last + 1] == pass_id[p.first]) + p.first for p in known]
+    paths = {k: _path(config[:, m]) for k, m in enumerate(members) if m.size > 1}
+    used, found = np.zeros(pass_id.size, dtype=bool), []
+    for k, m in _candidates([known[k] for k in paths], list(paths), tolerance):
+        free = np.flatnonzero(~used[members[k]])
+        if free.size == 0 or used[members[m]].all():
+            continue
+        here, there = config[:, members[k]], config[:, members[m]]
+        hit, lower, weight = _crossings(here, paths[k], there, paths[m], free, tolerance)
+        i, j0, j1 = members[k][hit], members[m][lower], members[m][lower + 1]
+        keep = ~(used[j0] & used[j1])
+        if block is not None:
+            keep &= (block[i] == block[j0]) & (block[i] == block[j1])
+        if keep.any():
+            found.append((i[keep], j0[keep], j1[keep], weight[keep]))
+            used[i[keep]] = True
+            # all between the first and the last crossing is used: what lies between them was interpolated over
+            used[members[m][lower[keep].min():lower[keep].max() + 2]] = True
+    if not found:
+        return Pairs(*np.empty((3, 0), dtype=int), np.empty(0))
+    return Pairs(*(np.concatenate(part) for part in zip(*found)))
+
+
+def _candidates(known, names, tolerance):
+    """Pairs of passes that go roughly opposite ways through one region, nearest in time first."""
+    if not known:
+        return []
+    begin, end = np.array([p.begin for p in known]), np.array([p.end for p in known])
+    low, high = np.minimum(begin, end) - tolerance, np.maximum(begin, end) + tolerance
+    touch = np.all((low[:, None] <= high) & (low <= high[:, None]), axis=2)
+    first, second = np.nonzero(np.triu(touch & ((end - begin) @ (end - begin).T < 0), 1))
+    # by passes between, not by time: dwells of unequal length must not couple a way back with the next way out
+    order = np.lexsort((first, second - first))
+    return [(names[k], names[m]) for k, m in zip(first[order], second[order])]
+
+
+def _path(points):
+    """Unit direction of travel at each point (d, n), over a few samples, and a tree of the points."""
+    n = points.shape[1]
+    reach = max(2, n // 20)  # beyond the steps of an encoder
+    low, high = np.maximum(np.arange(n) - reach, 0), np.minimum(np.arange(n) + reach, n - 1)
+    travel = points[:, high] - points[:, low]
+    return travel / np.maximum(np.linalg.norm(travel, axis=0), 1e-300), cKDTree(points.T)
+
+
+def _crossings(here, path, there, other, free, tolerance):
+    """Samples of one pass, the index before and the weight after the crossing on the other pass."""
+    towards, _ = path
+    back, tree = other
+    points, n = here[:, free], there.shape[1]
+    nearest = tree.query(points.T)[1]
+    best, lower, weight = np.full(free.size, np.inf), np.zeros(free.size, dtype=int), np.zeros(free.size)
+    for start in (nearest - 1, nearest):
+        a = np.clip(start, 0, n - 2)
+        edge = there[:, a + 1] - there[:, a]
+        size = np.sum(edge**2, axis=0)
+        along = np.sum((points - there[:, a]) * edge, axis=0) / np.maximum(size, 1e-300)
+        part = np.clip(along, 0.0, 1.0)
+        distance = np.linalg.norm(points - there[:, a] - part * edge, axis=0)
+        # beyond the ends of the pass nothing was measured
+        beyond = ((a == 0) & (along < 0)) | ((a == n - 2) & (along > 1)) | (size == 0)
+        distance[beyond & (distance > 1e-9)] = np.inf
+        better = distance < best
+        best[better], lower[better], weight[better] = distance[better], a[better], part[better]
+    opposite = np.sum(towards[:, free] * back[:, lower], axis=0) < _OPPOSITE
+    hit = (best <= tolerance) & opposite
+    return free[hit], lower[hit], weight[hit]

@@ -1,0 +1,1 @@
+"""A rig, its limits and what is known in; the next experiment out."""

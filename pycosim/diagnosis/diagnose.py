@@ -1,0 +1,843 @@
+"""A fitted model and its data in; which effect is missing, where, how sure, or nothing, or nothing known, out.
+
+Score tests of every candidate on the pre-whitened residual of one fit give a ranking, the expected coefficient and the
+predicted error. Family-wise p-values come from simulated noise with the candidates' own correlations, grids included.
+The best few are refitted; the first is accepted when it is significant and lowers the error on folds that it was not
+fitted to by more than the standard error of that fall, and by most of what a free function of one variable would.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import special
+
+from ..fit import least_squares
+from .table import CYCLES, Candidate, Table
+from ..compile import catalogue, compile_model, component_name
+from .dependence import dependence, noise_floor
+from ..core.errors import PycosimError
+from .excitation import FACTOR, smallest, undetectable, varied
+from ..fit.least_squares import bounded
+from ..data.noise import contiguous, fit_noise
+from .lack_of_fit import unexplained
+
+LEVEL = 0.01
+DRAWS = 1999
+PART = 0.8  # of what a free function of one variable explains, that an accepted effect must explain
+PRESSED = 12.0  # variances that lifting a bound must win for its parameter not to absorb anything: 0.05 % by chance
+LARGEST = 50e6  # bytes of derivatives that rivals are compared by: a longer log is thinned
+SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
+REFITS = 10
+PEAKS = 4  # of the scan over the angle that are tested again, with the noise as fitted
+TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
+
+
+@dataclass
+class Finding:
+    """What the diagnosis says of one effect at one place."""
+
+    effect: str
+    place: str
+    accepted: bool = False
+    p_value: float = 1.0
+    p_value_single: float = 1.0
+    statistic: float = 0.0
+    predicted_error: dict = field(default_factory=dict)
+    held_out_error: dict | None = None
+    coefficients: dict = field(default_factory=dict)
+    twins: list = field(default_factory=list)
+    start: dict = field(default_factory=dict)
+    selection: object = None
+    fit: object = None
+
+    @property
+    def key(self):
+        """Effect and place."""
+        return self.effect, self.place
+
+
+@dataclass
+class Score:
+    """Test of one candidate: statistic, minus log of its single p-value, coefficients, and whether it can be seen."""
+
+    candidate: object
+    value: float = 0.0
+    surprise: float = 0.0
+    coefficients: np.ndarray | None = None
+    visible: bool = False
+    spread: np.ndarray | None = None
+
+
+class Scores:
+    """Score tests of all candidates of a table.
+
+    Parameters
+    ----------
+    table : Table
+    seed : int
+    draws : int
+        Simulated residuals for the family-wise p-values.
+    """
+
+    def __init__(self, table, seed=0, draws=DRAWS):
+        self.table, self.rng, self.draws = table, np.random.default_rng(seed), draws
+        self.p = len(table.fit.free)
+        self.pieces = contiguous(table.time, table.group)
+        self.weights, self.few = table.fit.weights, max(1, len(table.time) // 5000)
+        self.candidates, self.columns = list(table.candidates), list(table.columns)
+        self._noise()
+        self._scan_cycles()
+        self._whiten()
+        self._test()
+        self._refine()
+
+    # ---- noise of what the best mixture of candidates leaves
+
+    def _rows(self, channel, where):
+        """Rows: derivative, candidate columns, residual."""
+        t = self.table
+        return np.array([*t.slope[channel][:, where], *[v[channel, where] for v in self.columns],
+                         t.residual[channel, where]])
+
+    def _thin_moments(self):
+        """Moments of the rows of each channel, on enough samples to choose and to predict by."""
+        few = slice(None, None, self.few)
+        return [rows @ rows.T for rows in (self._rows(c, few) for c in range(len(self.weights)))]
+
+    def _noise(self):
+        """Noise of each channel after the few columns that explain most: a missing effect is not noise."""
+        beta = self._pursue(sum(w ** 2 * g for w, g in zip(self.weights, self._thin_moments())), 0.02)
+        used = np.flatnonzero(beta)
+        slopes = [w * s for w, s in zip(self.weights, self.table.slope)]
+        root = least_squares.orthonormal(least_squares.invert(sum(s @ s.T for s in slopes))[0])
+        absorbed = [root @ s for s in slopes]
+        self.noise = []
+        for c in range(len(self.weights)):
+            left = self.table.residual[c] - sum(
+                beta[k] * (self.table.slope[c][k] if k < self.p else self.columns[k - self.p][c]) for k in used)
+            self.noise.append(fit_noise(left, self.table.chain, absorbed[c]))
+
+    @property
+    def single(self):
+        """Noise of single samples of the log, a channel."""
+        return [n.single(self.table.width) for n in self.noise]
+
+    def _pursue(self, gram, share, most=8):
+        """Greedy choice of columns; returns the coefficients of all rows on the residual."""
+        k = len(gram) - 1
+        chosen = list(range(self.p))
+        beta = np.zeros(k)
+        for _ in range(most + 1):
+            a = gram[np.ix_(chosen, chosen)]
+            inverse, _ = least_squares.invert(a)
+            solution = inverse @ gram[chosen, -1]
+            rss = gram[-1, -1] - gram[chosen, -1] @ solution
+            beta[:] = 0
+            beta[chosen] = solution
+            cross = gram[:k, chosen] @ inverse
+            score = gram[:k, -1] - cross @ gram[chosen, -1]
+            size = np.diag(gram)[:k] - np.einsum("ij,ij->i", cross, gram[:k, chosen])
+            usable = size > 1e-6 * np.diag(gram)[:k]
+            usable[chosen] = False
+            fall = np.where(usable, score ** 2 / np.where(usable, size, 1), 0)
+            best = int(np.argmax(fall)) if k else 0
+            if not k or fall[best] < share * rss or len(chosen) - self.p >= min(most, gram.shape[0]):
+                break
+            if len(chosen) + 3 > 0.3 * self.table.residual.size:
+                break
+            chosen.append(best)
+        return beta
+
+    def _whiten(self):
+        """Moments of the whitened columns; the residual's spread fixes their scale."""
+        t = self.table
+        self.thin = self._thin_moments()
+        self.gram, self.frame = np.zeros_like(self.thin[0]), []
+        for c, noise in enumerate(self.noise):
+            rows = [*t.slope[c], *[v[c] for v in self.columns], t.residual[c]]
+            live = [k for k, row in enumerate(rows) if row.any()]
+            white = noise.whiten(np.array([rows[k] for k in live]), t.chain)
+            self.gram[np.ix_(live, live)] += white @ white.T
+            self.frame.append(np.zeros((self.p + 1, len(t.time))))
+            own = [i for i, k in enumerate(live) if k < self.p or k == len(rows) - 1]
+            self.frame[-1][[min(live[i], self.p) for i in own]] = white[own]
+        self.samples = t.residual.size
+        beta = self._pursue(self.gram, 12.0 / self.samples)
+        used = np.count_nonzero(beta)
+        left = self.gram[-1, -1] - 2 * beta @ self.gram[:-1, -1] + beta @ self.gram[:-1, :-1] @ beta
+        self.variance = max(left / max(self.samples - used, 1), 1e-300)
+        # slow noise is known from as many independent stretches as the log holds, not from its samples
+        independent = sum(n.independent(t.chain) for n in self.noise)
+        self.dof = max(min(self.samples, independent) - used, 1)
+
+    # ---- cycles: a fine scan over the angle, then the best as ordinary columns
+
+    def _scan_cycles(self):
+        t, p = self.table, self.p
+        self.scan_draws = np.zeros(self.draws)
+        if not t.scans:
+            return
+        white = [noise.whiten(np.concatenate([t.slope[c], t.residual[c][None]]), t.chain)
+                 for c, noise in enumerate(self.noise)]
+        gram = sum(w @ w.T for w in white)
+        inverse = least_squares.invert(gram[:p, :p])[0]
+        step = inverse @ gram[:p, -1]
+        blocks = _sub_blocks(self.pieces, len(t.time))
+        drives = [noise.whiten_transposed(w[-1] - step @ w[:p], t.chain) for w, noise in zip(white, self.noise)]
+        base = [[noise.whiten_transposed(w[k], t.chain) for w, noise in zip(white, self.noise)] for k in range(p)]
+        own = np.array([np.bincount(blocks, sum(s[k] * d for s, d in zip(t.slope, drives)), blocks.max() + 1)
+                        for k in range(p)]).reshape(p, -1)
+        absorbed = inverse @ own
+        for effect, place in t.scans:
+            contribution = t.contribution(effect)
+            found = self._scan_place(contribution, place, (drives, blocks), base, absorbed)
+            if found is None:
+                continue
+            peaks, flips = found
+            self.scan_draws = np.maximum(self.scan_draws, flips)
+            for cycles in peaks:
+                self._add_cycles(contribution, place, cycles)
+
+    def _scan_place(self, contribution, place, residual, base, absorbed):
+        """Numbers of cycles that explain most, and the largest chance result of sign-flipped stretches.
+
+        Each stretch counts with what the base parameters absorb of it, so that flipped stretches vary as much as the
+        residual of a fit does.
+        """
+        t = self.table
+        frequency, quadrature = _periodic(contribution.effect)
+        phis = {c: [t.port_signals(contribution.effect, c, k)["flange.phi"] for k in range(len(t.takes))]
+                for c in place.components}
+        turns = max(np.ptp(np.concatenate(p)) for p in phis.values()) / (2 * np.pi)
+        if turns < 0.05:
+            return None
+        cycles = np.arange(max(1.0 / turns, 0.05), CYCLES, 0.25 / turns)
+        raw, shared, whole = 0.0, 0.0, np.zeros(len(t.time), dtype=int)
+        for component, angles in phis.items():
+            centres, counts = self._by_angle(component, angles, *residual)
+            angles_of, n = np.tile(centres, 2 * len(cycles)), np.tile(np.repeat(cycles, len(centres)), 2)
+            phase = np.repeat([0.0, np.pi / 2], len(centres) * len(cycles))
+            waves = contribution({"flange.phi": angles_of}, [], {frequency: n, quadrature: phase}, len(angles_of))[0, 0]
+            waves = waves.reshape(-1, len(centres)).T
+            raw = raw + counts @ waves
+            if base:
+                shared = shared + np.concatenate([self._by_angle(component, angles, b, whole)[1] for b in base]) @ waves
+        sums = raw - absorbed.T @ shared if base else raw
+        seen = (sums ** 2).sum(0) > 1e-3 * (raw ** 2).sum(0)
+        seen = np.tile(seen[:len(cycles)] & seen[len(cycles):], 2)
+        sine, cosine = (sums * seen)[:, :len(cycles)], (sums * seen)[:, len(cycles):]
+        value = _pair_statistic(sine.sum(0), cosine.sum(0), sine, cosine)
+        peaks = []
+        for k in np.argsort(-value):
+            if all(abs(cycles[k] - n) > 1 / turns for n in peaks):
+                peaks.append(float(cycles[k]))
+            if len(peaks) == PEAKS:
+                break
+        signs = self.rng.choice([-1.0, 1.0], (self.draws, len(sums)))
+        flipped = _pair_statistic(signs @ sine, signs @ cosine, sine, cosine).max(axis=1)
+        return peaks, flipped / 2
+
+    def _by_angle(self, component, angles, drives, blocks):
+        """Score of a torque at each small step of the angle, stretch by stretch."""
+        t = self.table
+        probe = t.probes.index(f"probe_{component}.dtau")
+        low, width = min(a.min() for a in angles), 2 * np.pi / (16 * CYCLES)
+        bins = int((max(a.max() for a in angles) - low) / width) + 1
+        counts = np.zeros((blocks.max() + 1) * bins)
+        for phi, response in zip(angles, t.responses):
+            drive = sum(response[c, probe] * d for c, d in enumerate(drives))
+            cell = blocks * bins + np.minimum(((phi - low) / width).astype(int), bins - 1)
+            counts += np.bincount(cell, drive, len(counts))
+        return low + (np.arange(bins) + 0.5) * width, counts.reshape(-1, bins)
+
+    def _add_cycles(self, contribution, place, cycles):
+        t = self.table
+        frequency, quadrature = _periodic(contribution.effect)
+        new = [sum(t.column(contribution, c, {frequency: cycles, quadrature: q})[0] for c in place.components)
+               for q in (0.0, np.pi / 2)]
+        start = len(self.columns)
+        self.columns += new
+        bound = contribution.question.variables[contribution.coefficients[0]].max
+        self.candidates.append(Candidate(
+            contribution.effect, place, {frequency: cycles, quadrature: 0.0}, [[start], [start + 1]],
+            [contribution.coefficients[0]], np.full(2, -bound), np.full(2, bound),
+            {"scanned": True, "phase": quadrature}))
+
+    def predicted(self, candidate, coefficients):
+        """Error of each channel after adding a candidate, with the base refitted within its bounds.
+
+        The table may hold means of samples: what they lose is taken from the error of the samples.
+
+        Parameters
+        ----------
+        candidate : Candidate
+        coefficients : ndarray, shape (coefficients,), or None
+            Expected coefficients; None adds nothing.
+
+        Returns
+        -------
+        dict of str to float
+            In the channel's unit.
+        """
+        left = self._mean_squares(candidate, () if coefficients is None else coefficients)
+        error = self.table.fit.error
+        return {c: float(np.sqrt(max(error[c] ** 2 - (before - after), 0.0)))
+                for c, before, after in zip(self.table.channels, self._mean_squares(candidate, ()), left)}
+
+    def _mean_squares(self, candidate, coefficients):
+        """Mean square of each channel of the table, with a candidate's coefficients."""
+        p = self.p
+        y = np.zeros(len(self.gram))
+        y[-1] = 1.0
+        for b, part in zip(coefficients, candidate.parts):
+            y[p + np.array(part)] -= b
+        total = sum(w ** 2 * g[:p] for w, g in zip(self.weights, self.thin))
+        if p:
+            y[:p] = -bounded(total[:, :p], total @ y, *self._bounds(None))[1]
+        samples = len(range(0, len(self.table.time), self.few))
+        return [max(y @ g @ y, 0.0) / samples for g in self.thin]
+
+    def weight(self, candidate, size):
+        """What a size of a candidate's first coefficient adds to the error, beside what the base absorbs of it.
+
+        Parameters
+        ----------
+        candidate : Candidate
+        size : float
+
+        Returns
+        -------
+        float
+            As a part of the error of all channels together.
+        """
+        total, base = sum(w ** 2 * g for w, g in zip(self.weights, self.thin)), np.arange(self.p)
+        rows = self.p + np.array(candidate.parts[0])
+        cross = total[np.ix_(base, rows)].sum(1)
+        own = total[np.ix_(rows, rows)].sum() - cross @ least_squares.invert(total[:self.p, :self.p])[0] @ cross
+        return float(size * np.sqrt(max(own, 0.0) / max(total[-1, -1], 1e-300)))
+
+    # ---- tests
+
+    def _test(self):
+        """Statistic, single and family-wise p-value of every candidate."""
+        p, gram, base = self.p, self.gram, self._yielding()
+        inverse, _ = least_squares.invert(gram[np.ix_(base, base)])
+        cross = gram[p:-1, base] @ inverse
+        schur = gram[p:-1, p:-1] - cross @ gram[base, p:-1]
+        values, vectors = np.linalg.eigh((schur + schur.T) / 2)
+        root = vectors * np.sqrt(np.maximum(values, 0))
+        noise = self.rng.standard_normal((self.draws, len(schur))) @ root.T
+        self.results, extremes = [], {}
+        for candidate in self.candidates:
+            inner, d = _summed(schur, candidate.parts), len(candidate.parts)
+            if not self._visible(candidate, inner, _summed(gram[p:-1, p:-1], candidate.parts)):
+                self.results.append(Score(candidate))
+                continue
+            sided = d == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
+            value, coefficients = self._fall(candidate)
+            surprise = float(self._surprise(value, d, sided))
+            spread = np.sqrt(self.variance * np.diag(np.linalg.inv(inner)))
+            self.results.append(Score(candidate, value, surprise, coefficients, True, spread))
+            if not candidate.extra.get("scanned"):
+                z = np.array([noise[:, part].sum(1) for part in candidate.parts]).T
+                chance = np.einsum("bi,ij,bj->b", z, np.linalg.inv(inner), z)
+                if sided:
+                    sign = 1 if candidate.lower[0] == 0 else -1
+                    chance = np.where(sign * z[:, 0] > 0, chance, 0.0)
+                extremes[d, sided] = np.maximum(extremes.get((d, sided), 0.0), chance)
+        surprises = [-self._log_chi2(chance, *kind) for kind, chance in extremes.items()]
+        self.largest = np.sort(np.max([self.scan_draws, *surprises], axis=0))
+
+    # ---- between the points of a grid
+
+    def _refine(self):
+        """Scores between the grid points about the best of each likely candidate: a better size, the same p-value."""
+        best = {}
+        for score in self.results:
+            if score.visible and score.value > best.get(score.candidate.key, Score(None)).value:
+                best[score.candidate.key] = score
+        likely = [s for s in best.values() if self.family(s.surprise) < 10 * LEVEL]
+        self.refined, new = {s.candidate.key: s for s in likely}, []
+        for score in likely:
+            for grid in self._between(score.candidate):
+                new.append(self._candidate_at(score.candidate, grid))
+        self._extend()
+        for candidate in new:
+            value, coefficients = self._fall(candidate)
+            if value > self.refined[candidate.key].value:
+                self.refined[candidate.key] = Score(candidate, value, 0.0, coefficients, True)
+
+    def _between(self, candidate):
+        """Grids a third and two thirds of the way to the neighbours of a grid point, one coefficient at a time."""
+        values = self.table.scan_values(candidate.place.components[0])
+        for name, here in candidate.grid.items():
+            points = values.get(candidate.effect.scan.get(name))
+            if points is None or candidate.effect.scan[name] == "quadrature":
+                continue
+            k = int(np.argmin(np.abs(points - here)))
+            for other in {points[max(k - 1, 0)], points[min(k + 1, len(points) - 1)]} - {points[k]}:
+                for part in (1 / 3, 2 / 3):
+                    even = here + part * (other - here)
+                    yield {**candidate.grid, name: here * (other / here) ** part if points[0] > 0 else even}
+
+    def _candidate_at(self, candidate, grid):
+        """A candidate at another grid point, with columns of its own."""
+        t, contribution = self.table, self.table.contribution(candidate.effect)
+        columns = [t.column(contribution, c, grid, candidate.place.partner(candidate.effect, c))
+                   for c in candidate.place.components]
+        start = len(self.columns)
+        self.columns += [sum(c[k] for c in columns) for k in range(len(contribution.coefficients))]
+        return replace(candidate, grid=grid, parts=[[start + k] for k in range(len(contribution.coefficients))])
+
+    def _extend(self):
+        """Moments of columns that came after the others, with the base and the residual."""
+        known, few = len(self.gram) - 1 - self.p, slice(None, None, self.few)
+        if len(self.columns) == known:
+            return
+        new = np.array(self.columns[known:])
+        parts = []
+        for c, noise in enumerate(self.noise):
+            white = noise.whiten(new[:, c], self.table.chain)
+            raw = np.concatenate([self.table.slope[c], self.table.residual[c][None]])[:, few]
+            parts.append((white @ white.T, self.frame[c] @ white.T, new[:, c, few] @ new[:, c, few].T,
+                          raw @ new[:, c, few].T))
+        self.gram = _grown(self.gram, sum(p[0] for p in parts), sum(p[1] for p in parts), self.p)
+        self.thin = [_grown(g, p[2], p[3], self.p) for g, p in zip(self.thin, parts)]
+
+    def _yielding(self):
+        """Base parameters that can absorb a candidate: not those that the data press against a bound.
+
+        One that is at its bound by chance yields; pressed is what would lower the whitened squares by many variances.
+        """
+        p, (low, high) = self.p, self._bounds(None)
+        a, b = self.gram[:p, :p], self.gram[:p, -1]
+        fitted, x = bounded(a, b, low, high)
+        near = 1e-5 * np.array([self.table.fit.variables[n].nominal for n in self.table.fit.free])
+        found = []
+        for k in range(p):
+            lifted = [np.where(np.arange(p) == k, end, v) for end, v in ((-np.inf, low), (np.inf, high))]
+            at_bound = x[k] - low[k] < near[k] or high[k] - x[k] < near[k]
+            if not at_bound or bounded(a, b, *lifted)[0] - fitted < PRESSED * self.variance:
+                found.append(k)
+        return found
+
+    def _visible(self, candidate, inner, full):
+        """Whether a size within reason would stand out of the noise, beside what the base model absorbs."""
+        diagonal = np.diag(inner)
+        # half differences scale with torques and losses together: what is left of such a column is the residual itself
+        least = 5e-3 if self.table.dataset.paired else 1e-6
+        if np.min(diagonal / np.maximum(np.diag(full), 1e-300)) < least or np.linalg.cond(inner) > 1e12:
+            return False
+        if candidate.names[0] in candidate.effect.scan:
+            return True
+        spread = np.sqrt(self.variance / diagonal)
+        nominal = self.table.contribution(candidate.effect).question.variables[candidate.names[0]].nominal
+        return bool(4 * np.min(spread) < FACTOR * nominal)
+
+    def _surprise(self, value, d, sided):
+        """Minus log of the single p-value of a statistic with d coefficients, for the noise's degrees of freedom."""
+        if self.dof > 1000:
+            return -self._log_chi2(value, d, sided)
+        log = np.log(special.fdtrc(d, self.dof, np.asarray(value) / d) + 1e-320)
+        return -(log + (np.log(0.5) if sided else 0.0)) * (np.asarray(value) > 0)
+
+    @staticmethod
+    def _log_chi2(value, d, sided):
+        value = np.asarray(value, dtype=float)
+        log = (np.log(2) + special.log_ndtr(-np.sqrt(value)) if d == 1
+               else np.log(special.gammaincc(d / 2, value / 2) + 1e-320))
+        return (log + (np.log(0.5) if sided else 0.0)) * (value > 0)
+
+    def _fall(self, candidate):
+        """Fall of the whitened sum of squares, over its variance, with base and candidate inside their bounds."""
+        groups = [*[[k] for k in range(self.p)], *[self.p + np.array(part) for part in candidate.parts]]
+        a, b = _summed(self.gram, groups), np.array([self.gram[-1][g].sum() for g in groups])
+        with_it, x = bounded(a, b, *self._bounds(candidate))
+        if not hasattr(self, "_without"):
+            self._without = bounded(a[:self.p, :self.p], b[:self.p], *self._bounds(None))[0]
+        return max(0.0, (with_it - self._without) / self.variance), x[self.p:]
+
+    def _bounds(self, candidate):
+        fit = self.table.fit
+        low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
+        high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
+        if candidate is None:
+            return low, high
+        return np.r_[low, candidate.lower], np.r_[high, candidate.upper]
+
+    def family(self, surprise):
+        """Family-wise p-value of a surprise.
+
+        Parameters
+        ----------
+        surprise : float
+            Minus log of a single p-value.
+
+        Returns
+        -------
+        float
+            Share of the draws whose largest surprise is no smaller, this one counted among them.
+        """
+        above = len(self.largest) - np.searchsorted(self.largest, surprise, side="left")
+        return (1 + above) / (1 + len(self.largest))
+
+
+def _summed(matrix, groups):
+    """Rows and columns of a symmetric matrix, summed group by group."""
+    rows = np.array([matrix[g].sum(0) for g in groups])
+    return np.array([rows[:, g].sum(1) for g in groups])
+
+
+def _grown(gram, own, cross, p):
+    """Moments with new rows before the last one; what old candidates share with them is not asked for."""
+    n, m = len(gram) - 1, len(own)
+    found = np.zeros((n + m + 1, n + m + 1))
+    old, new, last = np.arange(n), n + np.arange(m), np.array([n + m])
+    found[np.ix_(old, old)] = gram[:n, :n]
+    found[np.ix_(old, last)], found[np.ix_(last, old)], found[-1, -1] = gram[:n, n:], gram[n:, :n], gram[n, n]
+    found[np.ix_(new, new)] = own
+    found[np.ix_([*range(p), n + m], new)] = cross
+    found[np.ix_(new, [*range(p), n + m])] = cross.T
+    return found
+
+
+def _periodic(effect):
+    """Names of the coefficients that are a number of cycles and a phase."""
+    kinds = {kind: c for c, kind in effect.scan.items()}
+    return kinds["cycles"], kinds["quadrature"]
+
+
+def _pair_statistic(s, c, sine, cosine):
+    """Quadratic form of a sine and cosine sum with the covariance of their stretches."""
+    vs, vc, vx = (sine ** 2).sum(0), (cosine ** 2).sum(0), (sine * cosine).sum(0)
+    det = np.maximum(vs * vc - vx ** 2, 1e-12 * vs * vc + 1e-300)
+    return (s ** 2 * vc - 2 * s * c * vx + c ** 2 * vs) / det
+
+
+def _sub_blocks(pieces, n, most=400):
+    """Number of a short stretch for every sample, about ``most`` of them."""
+    length = max(1, n // most)
+    label, k = np.empty(n, dtype=int), 0
+    for s in pieces:
+        count = max(1, (s.stop - s.start) // length)
+        edges = np.linspace(s.start, s.stop, count + 1).astype(int)
+        for a, b in zip(edges[:-1], edges[1:]):
+            label[a:b] = k
+            k += 1
+    return label
+
+
+@dataclass
+class Selection:
+    """Errors of a refitted model on folds that it was not fitted to, block by block.
+
+    Attributes
+    ----------
+    raw : ndarray, shape (blocks,)
+        Weighted sum of squares a block.
+    white : ndarray, shape (blocks,)
+        The same of the whitened residual: sharper between rivals.
+    usual : ndarray, shape (channels, 1)
+        Noise level at which models are compared.
+    """
+
+    raw: np.ndarray
+    white: np.ndarray
+    usual: np.ndarray
+
+
+def select(dataset, model, fit, noise, usual=None):
+    """Cross-validate a fitted model over the selection folds, linearised at its optimum.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    noise : list of Noise
+        One a channel.
+    usual : ndarray, shape (channels, 1), optional
+        Noise level that rivals are compared at: that of the model without either of them.
+
+    Returns
+    -------
+    Selection
+    """
+    problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
+    thin = max(1, int(problem.n * (len(fit.free) + 1) * len(noise) * 8 / LARGEST))
+    sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
+    level = dataset.noise_level(model, fit.parameters)[:, ::thin]
+    usual = np.median(level, axis=1, keepdims=True) if usual is None else usual
+    if thin > 1:
+        problem, sloped = problem.thin(thin), sloped.thin(thin)
+    residual = problem.residual(fit.values) * usual / level
+    slope = np.concatenate([j for _, _, j in sloped.blocks(fit.values)], axis=2) * (usual / level)[:, None, :]
+    blocks, index = np.unique(problem.block, return_inverse=True)
+    size = len(fit.free) + 1
+    raw, white = np.zeros((len(blocks), size, size)), np.zeros((len(blocks), size, size))
+    chain, pieces = problem.chain, contiguous(problem.time, problem.group)
+    for c, w in enumerate(fit.weights):
+        rows = np.concatenate([slope[c], residual[c][None]])
+        for found, values in ((raw, w * rows), (white, noise[c].whiten(rows, chain))):
+            for s in pieces:
+                found[index[s.start]] += values[:, s] @ values[:, s].T
+    low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
+    high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
+    fold = dataset.fold[blocks]
+    return Selection(*(_cross_validate(g, fold, low, high) for g in (raw, white)), usual)
+
+
+def _cross_validate(gram, fold, low, high):
+    error = np.zeros(len(gram))
+    whole = gram.sum(0)
+    for f in np.unique(fold):
+        inside = fold == f
+        rest = whole - gram[inside].sum(0)
+        _, x = bounded(rest[:-1, :-1], rest[:-1, -1], low, high)
+        y = np.r_[-x, 1.0]
+        error[inside] = np.einsum("i,bij,j->b", y, gram[inside], y)
+    return error
+
+
+def difference(a, b):
+    """Sum of the differences of two block-wise errors, and its standard error.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (blocks,)
+
+    Returns
+    -------
+    total, stderr : float
+        The second is infinite for a single block.
+    """
+    d = a - b
+    return float(d.sum()), float(np.sqrt(len(d) * d.var(ddof=1))) if len(d) > 1 else float("inf")
+
+
+@dataclass
+class Diagnosis:
+    """What is missing in a fitted model.
+
+    Attributes
+    ----------
+    verdict : str
+        ``missing_effect``, ``nothing_missing``, ``unexplained`` or ``not_enough_excitation``.
+    error, noise_floor : dict of str to float
+    candidates : list of Finding
+        Best first.
+    residual_depends_on : list of dict
+    undetectable : list of dict
+    noise : list of Noise
+        Of single samples, one a channel.
+    smallest : list of dict
+        Smallest size of each effect at each place that this log would have shown; see `excitation.smallest`.
+    excitation : list of dict
+        What the log varies.
+    unexplained : dict or None
+        Where a residual that no effect explains lives; see `unexplained.unexplained`.
+    """
+
+    verdict: str
+    error: dict
+    noise_floor: dict
+    candidates: list
+    residual_depends_on: list
+    undetectable: list
+    noise: list = field(default_factory=list)
+    smallest: list = field(default_factory=list)
+    excitation: list = field(default_factory=list)
+    unexplained: dict | None = None
+
+    @property
+    def winner(self):
+        """The finding that would be added, or None."""
+        return next((c for c in self.candidates if c.accepted), None)
+
+
+def diagnose(dataset, model, fit, seed=0, progress=None):
+    """Find the effect that a fitted model lacks.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    seed : int
+    progress : callable, optional
+        Called with a sentence before each stage.
+
+    Returns
+    -------
+    Diagnosis
+    """
+    say = progress or (lambda text: None)
+    say("testing every candidate effect at every place")
+    table = Table(dataset, model, fit)
+    scores = Scores(table, seed)
+    findings = _findings(table, scores)
+    base = select(dataset, model, fit, scores.single)
+    rivals = _refit_best(dataset, model, fit, scores, findings, base.usual, table, say)
+    depends, alarm = dependence(dataset, model, fit, seed)
+    shape = PART * depends[0]["strength"] if depends else 0.0
+    _decide(findings, rivals, base, {e.id: e.refines for e in catalogue(dataset.library).values()}, shape)
+    for winner in [f for f in findings if f.accepted]:
+        larger = compile_model(dataset.library, model.rig, [*((e.id, p.name) for e, p in model.attached), winner.key])
+        winner.fit = least_squares.fit(dataset, larger, winner.fit.parameters)
+        winner.coefficients = _coefficients(larger, winner.fit)
+    say("looking at what is left")
+    hidden = undetectable(table, scores)
+    verdict = _verdict(findings, alarm, hidden, dataset, model.attached)
+    floor = noise_floor(dataset, model, fit)
+    mystery = unexplained(table, depends, floor) if verdict == "unexplained" and not dataset.averaged else None
+    return Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single, smallest(scores, LEVEL),
+                     varied(table), mystery)
+
+
+def _findings(table, scores):
+    """One finding an effect and place, at its best grid point, best first."""
+    best = {}
+    for score in scores.results:
+        known = best.get(score.candidate.key)
+        if known is None or score.surprise > known.surprise:
+            best[score.candidate.key] = score
+    findings = []
+    for score in best.values():
+        candidate = score.candidate
+        penalty = 2.0 * (len(candidate.parts) + len(candidate.effect.scan))
+        finding = Finding(candidate.effect.id, candidate.place.name, statistic=score.value - penalty)
+        finding.p_value_single = float(np.exp(-score.surprise))
+        finding.p_value = scores.family(score.surprise)
+        finer = scores.refined.get(candidate.key, score)
+        finding.start = _start(finer.candidate, finer.coefficients)
+        finding.predicted_error = scores.predicted(finer.candidate, finer.coefficients)
+        findings.append(finding)
+    return sorted(findings, key=lambda f: -f.statistic)
+
+
+def _start(candidate, coefficients):
+    """Full values of an effect's coefficients at its score estimate."""
+    effect, base = candidate.effect, component_name(candidate.effect, candidate.place)
+    values = dict(candidate.grid)
+    if coefficients is None:
+        return {f"{base}.{n}": v for n, v in values.items()}
+    if candidate.extra.get("scanned"):
+        values[candidate.names[0]] = float(np.hypot(*coefficients))
+        values[candidate.extra["phase"]] = float(np.arctan2(coefficients[1], coefficients[0]))
+    else:
+        values.update({n: float(v) for n, v in zip(candidate.names, coefficients) if n not in effect.scan})
+    return {f"{base}.{n}": v for n, v in values.items()}
+
+
+def _refit_best(dataset, model, fit, scores, findings, usual, table, say):
+    """Fit the model with each of the best candidates; fills the findings and returns those that were fitted.
+
+    The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
+    are fitted as well, however low they rank.
+    """
+    def refitted(some):
+        for k, f in enumerate(some, 1):
+            say(f"refitting with {f.effect} at {f.place}, {k} of {len(some)}")
+            if _refit(dataset, model, fit, scores, f, usual, table):
+                yield f
+
+    likely = [f for f in findings if f.p_value < 10 * LEVEL]
+    fitted = list(refitted(likely[:REFITS]))
+    if fitted:
+        best = min(fitted, key=lambda f: f.selection.white.sum())
+        effects = {f.effect for f in fitted if _twins(f, best)}
+        fitted += refitted([f for f in likely[REFITS:] if f.effect in effects])
+    return fitted
+
+
+def _refit(dataset, model, fit, scores, finding, usual, table):
+    """Fit the model with one candidate; whether it could be fitted."""
+    larger = compile_model(dataset.library, model.rig, [*((e.id, p.name) for e, p in model.attached), finding.key])
+    start = {**fit.parameters, **finding.start}
+    for component in larger.attached[-1][1].components:
+        name = f"{component}.f0"
+        if name in fit.free:
+            start[name] = max(start[name], table.least_loss(component))
+        name = f"{component}.mu"
+        if name in fit.free and "mu" in table.reads(finding.effect):
+            start[name] = min(start[name], table.most_efficient(component))
+    try:
+        start = _nudged(start, larger, finding)
+        finding.fit = least_squares.fit(dataset, larger, start, most=TRIAL, noise=scores.single)
+    except PycosimError:
+        return False
+    finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
+    finding.coefficients = _coefficients(larger, finding.fit)
+    return True
+
+
+def _coefficients(model, fit):
+    """Values, intervals and units of the last attached effect's coefficients."""
+    base = component_name(*model.attached[-1])
+    return {n.split(".", 1)[1]: {"value": fit.parameters[n], "ci95": fit.interval(n), "unit": model.parameters[n].unit}
+            for n in fit.free if n.startswith(base + ".")}
+
+
+def _nudged(start, model, finding):
+    """A start where no coefficient is exactly neutral, so that the ones that vanish with it can move."""
+    effect, place = model.attached[-1]
+    base = component_name(effect, place)
+    for c in effect.size:
+        v, name = model.parameters[f"{base}.{c}"], f"{base}.{c}"
+        if abs(start.get(name, v.value) - v.value) < 1e-3 * v.nominal:
+            start[name] = v.value + 1e-2 * v.nominal * (1 if v.max > v.value else -1)
+    return start
+
+
+def _decide(findings, rivals, base, refines, shape):
+    """Order the refitted candidates, accept the first that earns it, and name its twins."""
+    if not rivals:
+        return
+    parameters = {f.key: len(f.fit.free) for f in rivals}
+    rivals.sort(key=lambda f: f.selection.white.sum() + 2 * parameters[f.key])
+    rest = [f for f in findings if f not in rivals]
+    findings[:] = [*rivals, *rest]
+    earned = [f for f in rivals if f.p_value < LEVEL and _earns(base, f, shape)]
+    if not earned:
+        return
+    best = earned[0]
+    twins = [f for f in rivals if f is not best and _twins(f, best)]
+    plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(f, best, 3.0)), None)
+    if plain is not None:  # a correction of an effect is not claimed where the effect itself does nearly as well
+        twins = [best, *[t for t in twins if t is not plain]]
+        best = plain
+    best.accepted = True
+    findings.remove(best)
+    findings.insert(0, best)
+    for other in twins:
+        best.twins.append({"effect": other.effect, "place": other.place})
+        other.twins.append({"effect": best.effect, "place": best.place})
+
+
+def _earns(base, finding, shape):
+    """Whether the error on unseen folds falls by more than its own standard error, and enough.
+
+    Enough is most of what a free function of one variable takes away: an effect that takes less of it has another shape
+    than what is missing, and would stand in for something unknown.
+    """
+    fall, spread = difference(base.raw, finding.selection.raw)
+    return fall > spread and fall > shape * base.raw.sum()
+
+
+def _twins(other, best, errors=SEPARATE):
+    """Whether unseen folds cannot tell two refitted candidates apart by so many standard errors."""
+    gap, spread = difference(other.selection.white, best.selection.white)
+    return gap <= errors * spread or gap < 2.0 * errors ** 2
+
+
+def _verdict(findings, alarm, hidden, dataset, attached):
+    if any(f.accepted for f in findings):
+        return "missing_effect"
+    unseen = {(h["effect"], h["place"]) for h in hidden}
+    if np.count_nonzero(~dataset.is_test) < 2 or (not attached and all(f.key in unseen for f in findings)):
+        return "not_enough_excitation"
+    if alarm or any(f.p_value < LEVEL for f in findings):
+        return "unexplained"
+    return "nothing_missing"

@@ -1,0 +1,181 @@
+"""A data set and a base model in; effects added until nothing is left to learn, and the ladder of errors, out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from . import compare
+from ..fit import least_squares
+from ..compile import compile_model
+from .diagnose import diagnose, difference, select
+
+MOST = 6  # effects that one search may add
+
+
+@dataclass
+class Step:
+    """One step of the ladder; `finding` is what the diagnosis said of the added effect before it was added."""
+
+    added: tuple | None
+    model: object
+    fit: object
+    error: dict
+    held_out_error: dict
+    finding: object = None
+
+
+@dataclass
+class Improvement:
+    """Result of a search.
+
+    Attributes
+    ----------
+    first, last : Diagnosis
+        Of the model as given, and of what is left.
+    steps : list of Step
+        The base model first.
+    """
+
+    first: object
+    last: object
+    steps: list = field(default_factory=list)
+
+    @property
+    def model(self):
+        """The improved model."""
+        return self.steps[-1].model
+
+    @property
+    def fit(self):
+        """Its fit."""
+        return self.steps[-1].fit
+
+
+def step_of(dataset, model, fit, finding=None):
+    """Errors of a fitted model on the fit part and on the held-out part.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    finding : Finding, optional
+        The effect that came with this step.
+
+    Returns
+    -------
+    Step
+    """
+    held_out = compare.errors(dataset, model, fit, "test") if dataset.is_test.any() else {}
+    added = None if finding is None else finding.key
+    return Step(added, model, fit, compare.errors(dataset, model, fit, "fit"), held_out, finding)
+
+
+def improve(dataset, model=None, seed=0, progress=None):
+    """Diagnose, add, refit, until no effect is accepted; then look at each effect again beside those found after it.
+
+    An effect that was chosen while another was missing may stand in for it: it is chosen again with the others in the
+    model, and taken out where they make it superfluous.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model, optional
+        The study's model by default.
+    seed : int
+    progress : callable, optional
+
+    Returns
+    -------
+    Improvement
+    """
+    say = progress or (lambda text: None)
+    model = model or dataset.base
+    say("fitting the base model")
+    steps = [step_of(dataset, model, least_squares.fit(dataset, model))]
+    first = last = diagnose(dataset, model, steps[0].fit, seed, progress)
+    for again in range(MOST):
+        last = _grow(dataset, steps, last, seed, progress)
+        revised = _revised(dataset, steps, last.noise, seed, progress)
+        if revised is None:
+            break
+        steps = revised
+        last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 50 + again, progress)
+    pruned = _prune(dataset, steps, last.noise)
+    if len(pruned) < len(steps):
+        steps = pruned
+        last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 99, progress)
+    return Improvement(first, last, steps)
+
+
+def _grow(dataset, steps, last, seed, progress):
+    """Add what the diagnosis accepts, step by step; returns the diagnosis that accepts nothing."""
+    while last.winner is not None and len(steps) <= MOST:
+        winner, before = last.winner, steps[-1].model
+        if progress:
+            progress(f"adding {winner.effect} at {winner.place}")
+        model = compile_model(dataset.library, before.rig, [*_attached(before), winner.key])
+        steps.append(step_of(dataset, model, winner.fit, winner))
+        winner.held_out_error = steps[-1].held_out_error
+        last = diagnose(dataset, model, winner.fit, seed + len(steps), progress)
+    return last
+
+
+def _attached(model):
+    return [(e.id, p.name) for e, p in model.attached]
+
+
+def _revised(dataset, steps, noise, seed, progress):
+    """The ladder with an effect chosen again beside the others, where that predicts unseen folds better; or None.
+
+    The last effect was chosen with all others in the model.
+    """
+    base, full = steps[0].model, None
+    for out in steps[1:-1]:
+        rest = [s for s in steps[1:] if s is not out]
+        keys = [*_attached(base), *(s.added for s in rest)]
+        model = compile_model(dataset.library, base.rig, keys)
+        fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
+        found = diagnose(dataset, model, fit, seed, progress).winner
+        if found is None or out.added in [found.key, *((t["effect"], t["place"]) for t in found.twins)]:
+            continue
+        larger = compile_model(dataset.library, base.rig, [*keys, found.key])
+        full = full or select(dataset, steps[-1].model, steps[-1].fit, noise)
+        other = select(dataset, larger, found.fit, noise, full.usual)
+        if difference(full.white, other.white)[0] > 0:
+            return _ladder(dataset, steps[0], [*rest, Step(found.key, larger, found.fit, {}, {}, found)])
+    return None
+
+
+def _prune(dataset, steps, noise):
+    """Leave out, one after the other, effects whose absence does not raise the selection error beyond its own error."""
+    base, full = steps[0].model, None
+    while len(steps) > 2:
+        full = full or select(dataset, steps[-1].model, steps[-1].fit, noise)
+        for out in steps[1:-1]:
+            rest = [s for s in steps[1:] if s is not out]
+            model = compile_model(dataset.library, base.rig, [*_attached(base), *(s.added for s in rest)])
+            fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
+            left = select(dataset, model, fit, noise, full.usual)
+            rise, spread = difference(left.raw, full.raw)
+            if rise <= spread:
+                steps, full = _ladder(dataset, steps[0], rest), left
+                break
+        else:
+            break
+    return steps
+
+
+def _ladder(dataset, base, chosen):
+    """The steps of a ladder that adds the effects of these steps in this order.
+
+    What a diagnosis predicted holds beside the effects that were in its model, no longer beside others.
+    """
+    steps, given = [base], _attached(base.model)
+    for step in chosen:
+        keys = [*given, *(s.added for s in steps[1:]), step.added]
+        model = compile_model(dataset.library, base.model.rig, keys)
+        same = _attached(step.model) == keys
+        finding = step.finding if same else replace(step.finding, predicted_error={})
+        steps.append(step_of(dataset, model, least_squares.fit(dataset, model, steps[-1].fit.parameters), finding))
+    return steps

@@ -1,0 +1,555 @@
+"""Model, data and catalogue in; for every candidate effect, the change of the residual that it would make, out.
+
+An effect acts through the ports of its place. The model says how the error channels respond to a port (a probe hangs
+there), the effect's own file says what it adds to the port, and the product is the candidate's column. Nothing is
+refitted and no model is compiled for this.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from ..core import cache
+from ..compile import ArrayFunction, catalogue, compile_model, places, potentials
+from ..compile import solve
+from ..compile.effects import PARTNER, ports
+from ..compile.model import Question, _dump, _load
+from ..dynamics.delays import Record
+from ..data.noise import contiguous
+from ..data.residuals import Residuals
+from ..dynamics.states import propagate
+
+CYCLES = 20.0  # highest number of cycles a revolution that is searched
+AHEAD = "ahead(signal.tau)"  # by how much a torque is ahead of its record
+_LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
+_ENOUGH = 20000  # samples to test by; longer logs are thinned, the noise of the residual averaged ..
+_SHORT = 0.05  # .. over at most so many seconds
+
+
+@dataclass
+class Candidate:
+    """An effect at a place and a grid point, with the columns that stand for it.
+
+    Attributes
+    ----------
+    effect : Effect
+    place : Place
+    grid : dict of str to float
+        Values of the coefficients that vanish with the effect.
+    parts : list of list of int
+        One list of column numbers a coefficient; joined places sum theirs.
+    names : list of str
+        Coefficient of each part.
+    lower, upper : ndarray
+        Bounds of the coefficients, relative to neutral.
+    """
+
+    effect: object
+    place: object
+    grid: dict
+    parts: list
+    names: list
+    lower: np.ndarray
+    upper: np.ndarray
+    extra: dict = field(default_factory=dict)
+
+    @property
+    def key(self):
+        """Effect and place."""
+        return self.effect.id, self.place.name
+
+
+def additions(library, effect):
+    """What an effect may add, and the parameter of the place's probe that stands for it.
+
+    Parameters
+    ----------
+    library : Library
+    effect : Effect
+
+    Returns
+    -------
+    dict of str to str
+        Variable of the effect, to parameter of the probe.
+    """
+    found = {a: a for c in effect.ports if c in ports(library) for a in ports(library)[c].additions}
+    return {**found, "loss": "dtau"} if "dtau" in found else found  # torque at the shaft reads like one in the channel
+
+
+def effect_question(library, effect):
+    """An effect's own equation: state of its ports in, additions out.
+
+    Parameters
+    ----------
+    library : Library
+    effect : Effect
+
+    Returns
+    -------
+    Question
+
+    Raises
+    ------
+    ModelicaError
+        The effect by itself does not compile, or does not determine its additions.
+    """
+    def make():
+        flat = library.flatten(effect.model)
+        open_ports = tuple(f"{c}." for c in effect.connectors)  # a class by itself has its flows set to zero
+        flat.equations = [e for e in flat.equations if not (e.is_symbolic() and e.name().startswith(open_ports))]
+        known = [*(f"{c}.{m}" for c, kind in effect.connectors.items() for m in potentials(library, kind)),
+                 *effect.inputs]
+        solution = solve(flat, known)
+        values = solution.values
+        if effect.channel:  # adds to a record what it has not caught up with yet
+            solution.symbols[AHEAD] = ca.SX.sym(AHEAD)
+            values["dtau"] = -solution.symbols[AHEAD]
+        outputs = [o for o in [*additions(library, effect), "delay"] if o in values and not values[o].is_zero()]
+        y = ca.vertcat(*[values[o] for o in outputs])
+        states = solution.states
+        rates = ca.vertcat(*[values[flat.derivatives[s]] for s in states]) if states else ca.SX(0, 1)
+        used = [s.name() for s in ca.symvar(ca.vertcat(y, rates))]
+        inputs = [n for n in used if n not in flat.parameters and n not in states]
+        parameters = list(flat.parameters)
+        arguments = [ca.vertcat(*[solution.symbols[n] for n in names]) if names else ca.SX(0, 1)
+                     for names in (inputs, states, parameters)]
+        described = dict(flat.parameters)
+        return Question(inputs, states, parameters, outputs, ca.Function("output", arguments, [y]),
+                        ca.Function("rate", arguments, [rates]), described)
+
+    key = cache.digest(library.digest, "effect", effect.model)
+    return library.memo(("effect", effect.id), lambda: cache.remember("effect", key, make, _dump, _load))
+
+
+class Contribution:
+    """What an effect adds to its ports a unit of its coefficients, near its neutral point."""
+
+    def __init__(self, library, effect):
+        self.effect, self.question = effect, effect_question(library, effect)
+        q = self.whole = self.question
+        self.question = q = q.select([o for o in q.outputs if o != "delay"])
+        self.defaults = {n: v.value for n, v in q.variables.items()}
+        u, x, p = q.symbols()
+        y = q.output(u, x, p)
+        sizes = [p[q.parameters.index(c)] for c in effect.size]
+        whole = ca.substitute(y, ca.vertcat(*sizes), [self.defaults[c] for c in effect.size]) if sizes else y
+        self.coefficients, parts = list(effect.size), [ca.jacobian(y, size) for size in sizes]
+        if effect.scan and not _vanishes(whole):  # what has no amplitude: its addition at the grid point itself
+            self.coefficients.insert(0, next(iter(effect.scan)))
+            parts.insert(0, whole)
+        self.function = ArrayFunction(ca.Function("contribution", [u, x, p], [ca.densify(ca.cse(v)) for v in parts]))
+
+    def delay(self, grid):
+        """Delay of a channel effect at a grid point.
+
+        Parameters
+        ----------
+        grid : dict of str to float
+            Values of the coefficients that vanish with the effect.
+
+        Returns
+        -------
+        float
+            [s]
+        """
+        values = {**self.defaults, **grid}
+        chosen = self.whole.select(["delay"])
+        arguments = [0.0] * len(chosen.inputs) + [values[p] for p in chosen.parameters]
+        return ArrayFunction(chosen.output)(arguments, 1)[0, 0]
+
+    def __call__(self, signals, states, grid, n):
+        """Additions, shape (coefficients, ports, n)."""
+        q = self.question
+        values = {**self.defaults, **grid}
+        arguments = [signals[i] for i in q.inputs] + list(states) + [values[p] for p in q.parameters]
+        return self.function(arguments, n).reshape(len(self.coefficients), len(q.outputs), n)
+
+
+def _vanishes(expression):
+    """Whether an expression is zero whatever its variables, by numbers."""
+    names = ca.symvar(expression)
+    value = ca.Function("value", names, [ca.densify(expression)])
+    points = np.random.default_rng(0).uniform(0.2, 0.9, (4, len(names)))
+    return all(np.abs(np.array(value.call([ca.DM(v) for v in p])[0])).max() < 1e-12 for p in points)
+
+
+def _averaged(values, pieces, width):
+    """Running mean over so many samples, within pieces."""
+    found = np.empty_like(values)
+    for s in pieces:
+        n = s.stop - s.start
+        sums = np.concatenate([np.zeros((len(values), 1)), np.cumsum(values[:, s], axis=1)], axis=1)
+        low = np.maximum(np.arange(n) - width // 2, 0)
+        high = np.minimum(np.arange(n) + width // 2 + 1, n)
+        found[:, s] = (sums[:, high] - sums[:, low]) / (high - low)
+    return found
+
+
+def grids(effect, scan_values):
+    """Grid points of an effect's vanishing coefficients, without the cycles (they are scanned apart).
+
+    Parameters
+    ----------
+    effect : Effect
+    scan_values : dict of str to ndarray
+        Values to try, by kind of grid; see `Table.scan_values`.
+
+    Returns
+    -------
+    list of dict of str to float
+        One empty point where nothing vanishes.
+    """
+    axes = [(c, scan_values[kind]) for c, kind in effect.scan.items() if kind in scan_values]
+    return [dict(zip([c for c, _ in axes], point)) for point in itertools.product(*[v for _, v in axes])]
+
+
+class Table:
+    """All candidates of a fitted model, and their columns on the fit part.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+        With the effects accepted so far.
+    fit : Fit
+    part : str
+    """
+
+    def __init__(self, dataset, model, fit, part="fit"):
+        self.dataset, self.model, self.fit, self.part = dataset, model, fit, part
+        self.library = dataset.library
+        self.probe_model = compile_model(self.library, model.rig, [(e.id, p.name) for e, p in model.attached], True)
+        self.probes = [n for n in self.probe_model.parameters if n.startswith("probe_")]
+        self._evaluate()
+        self._signals()
+        self._catalogue()
+        self._columns()
+
+    def _evaluate(self):
+        """Residual, derivative by the free parameters, and response to every probe, term by term."""
+        parameters = {**{n: v.value for n, v in self.probe_model.parameters.items()}, **self.fit.parameters}
+        free = [*self.fit.free, *self.probes]
+        exogenous = self.dataset.exogenous()
+        whole = self.dataset.residuals(self.probe_model, free, parameters, self.part, exogenous)
+        x = [*self.fit.values, *np.zeros(len(self.probes))]
+        effects = sum(1 for _ in catalogue(self.library))
+        most = min(_ENOUGH, _LIMIT / (len(whole.channels) * 12.0 * effects * 8))
+        self.thin = max(1, int(np.ceil(whole.n / most))) | 1  # odd, so that an average has its sample in the middle
+        whole = whole.thin(self.thin) if self.thin > 1 else whole
+        self.time, self.group, self.block, self.chain = whole.time, whole.group, whole.block, whole.chain
+        p = len(self.fit.free)
+        self.responses = []
+        for k, term in enumerate(whole.terms({**parameters}, whole.of_states)):
+            single = Residuals(whole.question, whole.channels, np.zeros_like(whole.measured),
+                               lambda values, wrt, k=k: [whole.terms(values, wrt)[k]], free, parameters,
+                               whole.time, whole.group, whole.block)
+            slope = np.concatenate([j for _, _, j in single.blocks(x)], axis=2)
+            self.responses.append(slope[:, p:])
+            self.slope = slope[:, :p] if k == 0 else self.slope + slope[:, :p]
+        plain = self.dataset.residuals(self.model, self.fit.free, self.fit.parameters, self.part)
+        self.residual = plain.residual(self.fit.values)
+        self.width = 1
+        if self.thin > 1:
+            pieces = contiguous(plain.time, plain.group)
+            usual = float(np.median(np.diff(plain.time)))
+            self.width = min(self.thin, int(_SHORT / max(usual, 1e-9)) // 2 * 2 + 1)
+            self.residual = _averaged(self.residual, pieces, self.width)[:, ::self.thin]
+        self.path = self.dataset.path(self.part, self.thin)
+        self.channels = self.dataset.channels
+
+    def _signals(self):
+        """Signals of the ports at the samples of each term."""
+        d, q = self.dataset, self.model
+        segments, motors = q.components("friction"), q.components("signal")
+        names = [f"{c}.{v}" for c in segments for v in ("w", "L", "s")] + [f"{c}.phi" for c in motors]
+        names += [f"{c}.{port}.{v}" for port, kind in ports(self.library).items() for c in q.components(port)
+                  for v in kind.potentials]
+        names += sorted({i for e in catalogue(self.library).values() for i in e.inputs})
+        self.full = {**d.signals, **d.measured, **d.segment_signals(q, self.fit.parameters, names, None, d.exogenous())}
+        self._followed, self._records = {}, {}
+        self._kept, self._own = {}, {id(v) for v in (d.time, *self.full.values())}
+        self.takes = [take for _, _, take in d._picks(d.view(self.part))]
+
+    def port_signals(self, effect, component, term=None, partner=None, delay=0.0):
+        """Signals that an effect reads at a component, at all samples or at those of a term.
+
+        Parameters
+        ----------
+        effect : Effect
+        component : str
+        term : int, optional
+            Number of the residual's term; its samples are thinned like the table.
+        partner : str, optional
+            Other component of a pair.
+        delay : float
+            Of a channel effect [s].
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            By name in the effect. A number where it is the same for all samples, None where the log does not give it.
+        """
+        found = {"time": None if self.dataset.averaged else self.dataset.time}
+        for connector in effect.connectors:
+            found.update(self._potentials(connector, effect, component if partner is None or connector != PARTNER
+                                          else partner))
+        found["flange.phi"] = self.full.get(f"{component}.phi")
+        found["der(der(flange.phi))"] = self.full.get(f"der(der({component}.phi))")
+        if effect.channel:
+            now = found["signal.tau"]
+            found[AHEAD] = None if now is None else self._ahead(now, delay)
+        found.update({i: self.full.get(i) for i in effect.inputs})
+        if term is None:
+            return found
+        return {n: self._taken(term, v) if isinstance(v, np.ndarray) else v for n, v in found.items()}
+
+    def _ahead(self, now, delay):
+        """What a signal is ahead of itself a delay earlier."""
+        if id(now) not in self._records:
+            self._records[id(now)] = Record(self.dataset.time, now, self.dataset.run)
+        return self._spread(now[self.path] - self._records[id(now)].at(-delay, some=self.path))
+
+    def _spread(self, values):
+        """Values along the path as an array over all samples, zero between."""
+        found = np.zeros((*values.shape[:-1], len(self.dataset.time)))
+        found[..., self.path] = values
+        return found
+
+    def _taken(self, term, values):
+        """A signal at the samples of a term; most are asked for by many candidates."""
+        if id(values) not in self._own:
+            return self.takes[term](values)[::self.thin]
+        key = term, id(values)
+        if key not in self._kept:
+            self._kept[key] = self.takes[term](values)[::self.thin]
+        return self._kept[key]
+
+    def _potentials(self, connector, effect, component):
+        """What a connector of an effect offers at a component."""
+        kinds = ports(self.library)
+        port = connector if connector in kinds else next(
+            (p for p in effect.ports if effect.connectors[p] == effect.connectors[connector]), connector)
+        found = {f"{connector}.{v}": self.full.get(f"{component}.{port}.{v}")
+                 for v in (kinds[port].potentials if port in kinds else ())}
+        if f"{connector}.f0" in found:
+            found[f"{connector}.f0"] = max(self.fit.parameters.get(f"{component}.f0", 0.0), self.least_loss(component))
+        if found.get(f"{connector}.mu") is not None:
+            found[f"{connector}.mu"] = np.minimum(found[f"{connector}.mu"], self.most_efficient(component))
+        return found
+
+    def reads(self, effect):
+        """What an effect reads of the ports of its place.
+
+        Parameters
+        ----------
+        effect : str
+            Its id.
+
+        Returns
+        -------
+        set of str
+            Names without the port's, as ``mu``.
+        """
+        return {n.partition(".")[2] for n in effect_question(self.library, catalogue(self.library)[effect]).inputs}
+
+    def least_loss(self, component):
+        """Loss below which an effect relative to it could not be seen; a missing effect can press f0 to zero.
+
+        Parameters
+        ----------
+        component : str
+
+        Returns
+        -------
+        float
+            In the unit of ``f0``; zero for a component without one.
+        """
+        v = self.fit.variables.get(f"{component}.f0")
+        return 0.2 * v.nominal if v is not None else 0.0
+
+    def most_efficient(self, component):
+        """Efficiency above which an effect on the load term could not be seen; a missing one can press mu to one.
+
+        Parameters
+        ----------
+        component : str
+
+        Returns
+        -------
+        float
+            [1]; one where ``mu`` is not fitted.
+        """
+        v = self.fit.variables.get(f"{component}.mu")
+        return 1 - 0.5 * v.nominal if v is not None and v.name in self.fit.free else 1.0
+
+    # ---- which candidates
+
+    def _catalogue(self):
+        self.offers, self.scans, self.unavailable = [], [], []
+        attached = {(e.id, p.name) for e, p in self.model.attached}
+        touched = {(e.id, c) for e, p in self.model.attached for c in p.components}
+        for effect in catalogue(self.library).values():
+            for place in places(self.library, self.model.rig, effect):
+                if (effect.id, place.name) in attached or any((effect.id, c) in touched for c in place.components):
+                    continue
+                if effect.replaces and any(f"{c}.{effect.replaces}" in self.fit.free for c in place.components):
+                    continue
+                missing = self._missing(effect, place)
+                if missing:
+                    self.unavailable.append((effect, place, missing))
+                    continue
+                if "cycles" in effect.scan.values():
+                    self.scans.append((effect, place))
+                else:
+                    self.offers.append((effect, place))
+
+    def _missing(self, effect, place):
+        """Signals that the effect reads and that the log does not give."""
+        needed = effect_question(self.library, effect).inputs
+        return [n for c in place.components
+                for n, v in self.port_signals(effect, c, None, place.partner(effect, c)).items()
+                if n in needed and v is None]
+
+    def scan_values(self, component):
+        """Grids for coefficients that vanish with their effect, from what the data cover.
+
+        Parameters
+        ----------
+        component : str
+
+        Returns
+        -------
+        dict of str to ndarray
+            By kind of grid: ``time``, ``delay`` [s], ``quadrature``, ``angle``, ``travel`` [rad], ``speed`` [rad/s];
+            without those that the data say nothing of.
+        """
+        if component not in self._grids:
+            self._grids[component] = self._scan_values(component)
+        return self._grids[component]
+
+    def _scan_values(self, component):
+        view = self.takes[0]
+        time = self.time
+        values = {"time": np.geomspace(max(np.ptp(time) / 40, 0.5), max(2 * np.ptp(time), 1.0), 7),
+                  "quadrature": np.array([0.0, np.pi / 2])}
+        if len(self.dataset.time) > 1:
+            values["delay"] = np.median(np.diff(self.dataset.time)) * np.geomspace(0.5, 32, 12)
+        angles = [v for n, v in self.full.items() if n.endswith(".beside.phi")]
+        if angles:  # where a spring has no torque, in the workspace or beyond; alike for all joints, which may share it
+            low, high = min(v.min() for v in angles), max(v.max() for v in angles)
+            values["angle"] = np.linspace(2 * low - high, 2 * high - low, 11)
+        speed = self.full.get(f"{component}.w")
+        if speed is not None:
+            speed = np.abs(view(speed))
+            low, high = np.quantile(speed, [0.02, 0.98])
+            values["speed"] = np.geomspace(max(low / 2, 1e-3), max(1.5 * high, 2e-3), 9)
+            moved = np.abs(speed[::self.thin]) * np.gradient(time).clip(0, 1)
+            path = [moved[s].sum() for s in contiguous(time, self.group)]
+            values["travel"] = np.geomspace(5e-4, max(np.median(path) / 2, 8e-3), 10)
+        return values
+
+    def _columns(self):
+        self._grids = {}
+        self.candidates, self.columns, index = [], [], {}
+        for effect, place in self.offers:
+            contribution = self.contribution(effect)
+            for number, grid in enumerate(grids(effect, self.scan_values(place.components[0]))):
+                for component in place.components:
+                    partner = place.partner(effect, component)
+                    key = (effect.id, component, partner, number)
+                    if key not in index:
+                        own = grids(effect, self.scan_values(component))[number]
+                        index[key] = len(self.columns)
+                        self.columns.extend(self.column(contribution, component, own, partner))
+                d = len(contribution.coefficients)
+                starts = [index[(effect.id, c, place.partner(effect, c), number)] for c in place.components]
+                parts = [[s + k for s in starts] for k in range(d)]
+                self.candidates.append(self.candidate(contribution, place, grid, parts))
+
+    def contribution(self, effect):
+        """What an effect adds to its ports; made once.
+
+        Parameters
+        ----------
+        effect : Effect
+
+        Returns
+        -------
+        Contribution
+        """
+        return self.library.memo(("contribution", effect.id), lambda: Contribution(self.library, effect))
+
+    def candidate(self, contribution, place, grid, parts):
+        """A candidate with the bounds of its coefficients.
+
+        Parameters
+        ----------
+        contribution : Contribution
+        place : Place
+        grid : dict of str to float
+            Values of the coefficients that vanish with the effect.
+        parts : list of list of int
+            Column numbers of each coefficient.
+
+        Returns
+        -------
+        Candidate
+        """
+        effect, described = contribution.effect, contribution.question.variables
+        bounds = [(0.0, 2.0) if c in effect.scan else (described[c].min - described[c].value,
+                                                       described[c].max - described[c].value)
+                  for c in contribution.coefficients]
+        lower, upper = np.array(bounds).T
+        return Candidate(effect, place, grid, parts, contribution.coefficients, lower, upper)
+
+    def _states(self, contribution, component, grid, partner):
+        """States of an effect at every sample of the path, shape (states, n)."""
+        q, d = contribution.question, self.dataset
+        if not q.states:
+            return np.zeros((0, len(d.time)))
+        values = {**contribution.defaults, **grid}
+        named = ca.vertcat(*[ca.SX.sym(n) for n in q.inputs])
+        rate = q.rate(named, q.symbols()[1], ca.vertcat(*[values[n] for n in q.parameters]))
+        key = component, partner, str(rate)
+        if key not in self._followed:  # effects share states that move alike
+            signals = {n: v[self.path] if isinstance(v, np.ndarray) else v
+                       for n, v in self.port_signals(contribution.effect, component, None, partner).items()}
+            self._followed[key] = propagate(q, signals, d.time[self.path], values, d.run[self.path])[0]
+        return self._spread(self._followed[key])
+
+    def column(self, contribution, component, grid, partner=None):
+        """Columns of an effect at a component.
+
+        Parameters
+        ----------
+        contribution : Contribution
+        component : str
+        grid : dict of str to float
+            Values of the coefficients that vanish with the effect.
+        partner : str, optional
+            Other component of a pair.
+
+        Returns
+        -------
+        ndarray, shape (coefficients, channels, n)
+            Change of the modelled channels, in their units, a unit of each coefficient.
+        """
+        q = contribution.question
+        total, probes = 0.0, additions(self.library, contribution.effect)
+        grid = {**self.dataset.means(contribution.effect), **grid}
+        delay = contribution.delay(grid) if contribution.effect.channel else 0.0
+        states = self._states(contribution, component, grid, partner)
+        for term, response in enumerate(self.responses):
+            n = response.shape[2]
+            signals = self.port_signals(contribution.effect, component, term, partner, delay)
+            added = contribution(signals, [self.takes[term](s)[::self.thin] for s in states], grid, n)
+            part = 0.0
+            for k, port in enumerate(q.outputs):
+                probe = self.probes.index(f"probe_{component}.{probes[port]}")
+                part = part + added[:, k][:, None, :] * response[None, :, probe]
+            total = total + part
+        return total

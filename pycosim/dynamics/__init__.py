@@ -1,0 +1,1 @@
+"""Questions of a model in; motion, states and signals over time out."""

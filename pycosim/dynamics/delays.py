@@ -1,0 +1,103 @@
+"""Signals as they were recorded and a model with delays in; the signals at the time they tell of out.
+
+A delay is undone by moving the record in time: one without noise along a cubic spline, a measured one by whole samples,
+and between them along the slope of what the motion predicts. The model's function then needs only the derivative by the
+delay, which is that slope.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ..compile import ArrayFunction
+
+_LEAST = 8  # samples of a log that is moved
+
+
+def undo(question, signals, time, run, parameters, slopes=None):
+    """Signals of a question with their delays undone.
+
+    Parameters
+    ----------
+    question : Question
+    signals : dict of str to ndarray, shape (n,)
+        As recorded.
+    time, run : ndarray, shape (n,)
+    parameters : dict of str to float
+    slopes : dict of str to ndarray, optional
+        Of those signals without their noise. A spline takes noise away between samples, which would look like a better
+        fit, and sees a slope where a torque jumps; with slopes, the nearest sample is taken along its own.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The same dict where nothing is delayed.
+    """
+    if not question.late:
+        return signals
+    found = dict(signals)
+    chosen = question.select(list(question.late.values()))
+    values = ArrayFunction(chosen.output)([0.0] * (len(chosen.inputs) + len(chosen.states))
+                                          + [float(parameters[n]) for n in chosen.parameters], 1)[:, 0]
+    for name, delay in zip(question.late, values):
+        if slopes is None:
+            record = Record(time, signals[name], run)
+            found[name], found[f"der({name})"] = record.at(delay), record.at(delay, 1)
+        else:
+            near, apart = _nearest(time, run, delay)
+            slope = slopes[name][near]
+            found[name], found[f"der({name})"] = signals[name][near] + slope * apart, slope
+        found[f"at({name})"] = float(delay)
+    return found
+
+
+def _nearest(time, run, later):
+    """Samples nearest to a later time, log by log, and how much later that is than they are; none beyond the ends."""
+    near, apart = np.arange(len(time)), np.zeros(len(time))
+    for k in np.unique(run):
+        part = np.flatnonzero(run == k)
+        own = np.clip(time[part] + later, time[part[0]], time[part[-1]])
+        edges = (time[part][1:] + time[part][:-1]) / 2
+        near[part] = part[np.searchsorted(edges, own)]
+        apart[part] = own - time[near[part]]
+    return near, apart
+
+
+class Record:
+    """A recorded signal that can be read at other times, log by log; beyond a log's ends, its nearest value.
+
+    Parameters
+    ----------
+    time, values, run : ndarray, shape (n,)
+    """
+
+    def __init__(self, time, values, run):
+        self.time, self.values, self.run = time, values, run
+        parts = ((k, run == k) for k in np.unique(run))
+        self.splines = {k: CubicSpline(time[part], values[part]) for k, part in parts if part.sum() >= _LEAST}
+
+    def at(self, later, order=0, some=slice(None)):
+        """Values, or slopes, at later times.
+
+        Parameters
+        ----------
+        later : float
+            [s]
+        order : int
+            1 for the slope instead.
+        some : slice or ndarray of int
+            Samples wanted.
+
+        Returns
+        -------
+        ndarray, as many as are wanted
+        """
+        if later == 0 and not order:
+            return self.values[some]
+        time, run = self.time[some], self.run[some]
+        result = np.zeros(len(time)) if order else self.values[some].copy()
+        for k, spline in self.splines.items():
+            wanted = run == k
+            result[wanted] = spline(np.clip(time[wanted] + later, spline.x[0], spline.x[-1]), order)
+        return result

@@ -1,0 +1,423 @@
+"""Data set and model in, parameters with intervals, and what the data cannot tell, out.
+
+The fit is a bounded nonlinear least-squares problem. Its residual enters only through the moments [J r]'[J r], which
+are summed block by block, so memory does not grow with the log and a solver for small problems serves logs of any
+length.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import stats
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.optimize import least_squares, linprog, lsq_linear
+
+from ..core.errors import NoAnswerError
+from .moments import Moments
+from ..data.noise import fit_noise
+
+NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
+WEAK = 1e-3
+
+
+@dataclass
+class Fit:
+    """Result of an identification.
+
+    Attributes
+    ----------
+    parameters : dict of str to float
+        All parameters, fitted and fixed.
+    free : list of str
+    variables : dict of str to Variable
+        Units and bounds.
+    values : ndarray, shape (p,)
+    unbounded : ndarray, shape (p,)
+        Estimate with the bounds lifted, of the quadratic model at the solution; intervals are centred on it.
+    covariance : ndarray, shape (p, p)
+    null_directions : ndarray, shape (k, p)
+        Directions of the parameters that change no residual.
+    dof : float
+        Degrees of freedom for the quantile of the intervals.
+    noise : list of Noise
+        One a channel.
+    channels : list of str
+    weights : ndarray, shape (channels,)
+    """
+
+    parameters: dict
+    free: list
+    variables: dict
+    values: np.ndarray
+    unbounded: np.ndarray
+    covariance: np.ndarray
+    null_directions: np.ndarray
+    dof: float
+    noise: list
+    channels: list
+    weights: np.ndarray
+    error: dict = field(default_factory=dict)
+
+    @property
+    def stderr(self):
+        """Standard errors, infinite along null directions."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self):
+        """Correlation matrix of the estimates."""
+        s = np.where(self.stderr > 0, self.stderr, 1.0)
+        return self.covariance / np.outer(s, s)
+
+    def identifiable(self, name):
+        """Whether the data determine this parameter by itself.
+
+        Parameters
+        ----------
+        name : str
+            A free parameter.
+
+        Returns
+        -------
+        bool
+        """
+        k = self.free.index(name)
+        scale = np.array([self.variables[n].nominal for n in self.free])
+        return not any(abs(d[k] / scale[k]) > 1e-4 * np.max(np.abs(d / scale)) for d in self.null_directions)
+
+    def at_bound(self, name):
+        """Bound that a free parameter is at.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        str or None
+            ``"min"`` or ``"max"``.
+        """
+        k, v = self.free.index(name), self.variables[name]
+        tolerance = 1e-6 * v.nominal
+        if self.values[k] <= v.min + tolerance:
+            return "min"
+        return "max" if self.values[k] >= v.max - tolerance else None
+
+    def interval(self, name, level=0.95):
+        """Confidence interval of a parameter, within its bounds.
+
+        Centred on the estimate with the bounds lifted, so that a neighbour at its bound does not make it too narrow.
+        Along a null direction: what the bounds alone allow.
+
+        Parameters
+        ----------
+        name : str
+            A free parameter.
+        level : float
+            Probability that it holds the parameter.
+
+        Returns
+        -------
+        list of float
+            Lower and upper end, in the parameter's unit.
+        """
+        k, v = self.free.index(name), self.variables[name]
+        if not self.identifiable(name):
+            return self._range_by_bounds(k, level)
+        half = stats.t.ppf(0.5 + level / 2, self.dof) * self.stderr[k]
+        low, high = self.unbounded[k] - half, self.unbounded[k] + half
+        if high < v.min:
+            high = v.min + half
+        if low > v.max:
+            low = v.max - half
+        low, high = min(low, self.values[k]), max(high, self.values[k])
+        return [float(max(low, v.min)), float(min(high, v.max))]
+
+    def _range_by_bounds(self, k, level):
+        """Least and greatest value that some point along the null directions takes within all bounds."""
+        low = np.array([self.variables[n].min for n in self.free]) - self.values
+        high = np.array([self.variables[n].max for n in self.free]) - self.values
+        d = self.null_directions / np.maximum(np.max(np.abs(self.null_directions), axis=1, keepdims=True), 1e-300)
+        d = np.where(np.abs(d) < 1e-7, 0.0, d)
+        ends = []
+        for sign in (1.0, -1.0):
+            found = linprog(sign * d[:, k], np.vstack([d.T, -d.T]), np.r_[high, -low], bounds=(None, None))
+            if not found.success:
+                return [float(self.variables[self.free[k]].min), float(self.variables[self.free[k]].max)]
+            move = found.x @ d
+            ends.append(self.values[k] + move[k] - sign * self._spread_there(k, move, low, high, level))
+        v = self.variables[self.free[k]]
+        return [float(max(ends[0], v.min)), float(min(ends[1], v.max))]
+
+    def _spread_there(self, k, move, low, high, level):
+        """Half width of the interval of a parameter where its partner on the null direction is at a bound."""
+        room = np.minimum(np.abs(move - low), np.abs(high - move)) + np.where(np.abs(move) < 1e-9, math.inf, 0.0)
+        room[k] = math.inf
+        j = int(np.argmin(room))
+        if not np.isfinite(room[j]) or abs(move[j]) < 1e-9:
+            return 0.0
+        c = np.zeros(len(self.free))
+        c[k], c[j] = 1.0, -move[k] / move[j]
+        return stats.t.ppf(0.5 + level / 2, self.dof) * math.sqrt(max(c @ self.covariance @ c, 0.0))
+
+
+def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=None, noise=None):
+    """Fit a model's free parameters to a data set.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    start : dict of str to float, optional
+        Values to start from; the study's by default.
+    free : list of str, optional
+        The study's free parameters, those of the attached effects included, by default.
+    part : str or ndarray of int
+        ``"fit"``, ``"test"``, ``"all"``, or the blocks to use.
+    robust : bool
+        Weigh samples down that are far out (Huber).
+    most : int, optional
+        Samples to use, evenly spread, for a quick trial; of fewer than twice as many, all are used.
+    noise : list of Noise, optional
+        Noise of each channel where it is known; estimated from the residual by default.
+
+    Returns
+    -------
+    Fit
+    """
+    variables = dataset.variables(model)
+    parameters = {**{n: v.value for n, v in variables.items()}, **dataset.values(model), **(start or {})}
+    free = dataset.free(model) if free is None else list(free)
+    problem = dataset.residuals(model, free, parameters, part)
+    weights = dataset.weights()
+    x = np.array([_inside(parameters[n], variables[n]) for n in free])
+    skip = max(1, problem.n // most) if most else 1
+    if skip > 1:
+        problem = problem.thin(skip)
+    tidy = dataset.residuals(model, free, parameters, part, dataset.exogenous())
+    tidy = tidy.thin(skip) if skip > 1 else tidy
+    x, moments = _refine(problem, tidy, x, free, variables, weights, list(model.segments), robust, most is not None)
+    if moments is None:
+        slope, residual = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2), problem.residual(x)
+        gram = _cross_gram(problem, tidy, x, weights)
+    else:
+        slope, residual = moments.slope_and_residual(x)
+        gram = moments.gram(x, weights, True)
+    return _result(problem, slope, residual, gram, x, free, variables, weights, noise)
+
+
+def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial):
+    """Least squares, then steps whose derivatives hold no noise of the measured torques.
+
+    A trial is left to those steps where few samples have brought it near. Returns the parameters, and the moments where
+    the model is piecewise affine.
+    """
+    moments = None if robust else Moments.of(problem, x, segments, tidy)
+    for _ in range(5):
+        if moments is None:
+            thin = max(1, problem.n // 4000)
+            few = [problem.thin(thin)] if thin > 1 else []
+            for part in few if trial and few else [*few, problem]:
+                x = _solve(lambda z: part.gram(z, weights, robust), x, free, variables, 60)
+            return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights), x, free, variables, 4), None
+        x = _solve(lambda z: moments.gram(z, weights), x, free, variables, 60)
+        x = _instrumented(lambda z: moments.gram(z, weights, True), x, free, variables, 8)
+        if moments.holds(x):
+            break
+        moments = moments if moments.take(x) else None
+    return x, moments
+
+
+def _cross_gram(problem, tidy, x, weights):
+    """Moments of noise-free derivatives and the measured residual."""
+    residual = problem.residual(x)
+    total = np.zeros((len(x) + 1, len(x) + 1))
+    for part, _, slope in tidy.blocks(x):
+        for c, weight in enumerate(weights):
+            rows = np.concatenate([slope[c], residual[c][None, part]]) * weight
+            total += rows @ rows.T
+    return total
+
+
+def _instrumented(gram, x, free, variables, steps):
+    """Bounded Gauss-Newton steps to where the instruments find nothing left in the residual."""
+    scale = np.array([variables[n].nominal for n in free])
+    low, high = (np.array([getattr(variables[n], b) for n in free]) for b in ("min", "max"))
+    margin = 1e-6 * scale
+    if not free:
+        return x
+    g = gram(x)
+    for _ in range(steps):
+        _, step = bounded(g[:-1, :-1], g[:-1, -1], low + margin - x, high - margin - x)
+        there = np.clip(x + np.clip(step, -scale, scale), low + margin, high - margin)
+        after = gram(there)
+        if not np.isfinite(after).all() or after[-1, -1] > 1.02 * g[-1, -1]:
+            break  # far from where the derivatives hold
+        x, g = there, after
+        if np.all(np.abs(step) < 1e-5 * scale):
+            break
+    return x
+
+
+def _listed(names, values):
+    return ", ".join(f"{n} = {v:.4g}" for n, v in zip(names, values))
+
+
+def _inside(value, variable):
+    """Start strictly inside the bounds, where derivatives are two-sided."""
+    margin = 1e-6 * variable.nominal
+    return min(max(value, variable.min + margin), variable.max - margin)
+
+
+def _solve(gram, x, free, variables, evaluations):
+    """Bounded least squares from the moments [J r]'[J r] alone."""
+    if not free:
+        return x
+    lower = np.array([variables[n].min for n in free])
+    upper = np.array([variables[n].max for n in free])
+    scale = np.array([variables[n].nominal for n in free])
+    rows = {}
+
+    def root(z):
+        key = z.tobytes()
+        if key not in rows:
+            rows.clear()
+            g = gram(z)
+            if not np.isfinite(g).all():  # no answer there: a step that the solver takes back
+                if z.tobytes() == x.tobytes():
+                    raise NoAnswerError(f"the model has no finite answer at the start, {_listed(free, x)}; "
+                                        "start elsewhere")
+                g = np.diag([*np.zeros(len(free)), 1e300])
+            values, vectors = np.linalg.eigh(g)
+            rows[key] = np.sqrt(np.maximum(values, 0))[:, None] * vectors.T
+        return rows[key]
+
+    solution = least_squares(
+        lambda z: -root(z)[:, -1], x, jac=lambda z: root(z)[:, :-1], bounds=(lower, upper), x_scale=scale,
+        xtol=1e-7, ftol=1e-9, gtol=1e-12, max_nfev=evaluations)
+    margin = 1e-6 * scale
+    return np.clip(solution.x, lower + margin, upper - margin)
+
+
+def _pressed(a, b, low, high):
+    """Solution with what leaves the bounds pressed against them, where that is the best; else None."""
+    held, x = np.zeros(len(b), dtype=int), np.zeros(len(b))
+    for _ in range(len(b) + 1):
+        free = held == 0
+        x = np.where(held < 0, low, np.where(held > 0, high, 0.0))
+        if free.any():
+            try:
+                factor = cho_factor(a[np.ix_(free, free)])
+            except LinAlgError:
+                return None
+            if np.diag(factor[0]).min() < math.sqrt(NULL):
+                return None
+            x[free] = cho_solve(factor, b[free] - a[np.ix_(free, ~free)] @ x[~free])
+        out = np.where(x < low, -1, np.where(x > high, 1, 0)) * free
+        if not out.any():
+            slope = b - a @ x  # uphill must point out of the bounds
+            return x if np.all(slope * held >= -1e-9 * np.abs(b).max(initial=0.0)) else None
+        held = held + out
+    return None
+
+
+def bounded(a, b, low, high):
+    """Maximise ``2 b'x - x'a x`` within bounds.
+
+    Parameters
+    ----------
+    a : ndarray, shape (p, p)
+        Positive semidefinite.
+    b, low, high : ndarray, shape (p,)
+
+    Returns
+    -------
+    value : float
+    x : ndarray, shape (p,)
+    """
+    scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
+    s, low, high = a / np.outer(scale, scale), low * scale, np.maximum(high, low + 1e-12) * scale
+    x = _pressed(s, b / scale, low, high)
+    if x is None:
+        values, vectors = np.linalg.eigh(s)
+        keep = values > NULL
+        root = np.sqrt(np.where(keep, values, 0))[:, None] * vectors.T
+        right = np.where(keep, vectors.T @ (b / scale) / np.sqrt(np.where(keep, values, 1)), 0)
+        x = vectors[:, keep] @ (right[keep] / np.sqrt(values[keep]))
+        if np.any(x < low) or np.any(x > high):
+            x = lsq_linear(root, right, (low, high), method="bvls").x
+    x = x / scale
+    return float(2 * b @ x - x @ a @ x), x
+
+
+def _result(problem, slope, residual, gram, x, free, variables, weights, noise):
+    """Covariance, null directions and noise at the solution."""
+    if not np.isfinite(gram).all():
+        raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a "
+                            "better start")
+    chain = problem.chain
+    inverse, null = invert(gram[:-1, :-1])
+    if noise is None:
+        root = orthonormal(inverse)
+        noise = [fit_noise(r, chain, w * root @ j) for w, r, j in zip(weights, residual, slope)]
+    meat = np.zeros_like(inverse)
+    for w, j, r_noise in zip(weights, slope, noise):
+        used = np.flatnonzero(j.any(axis=1))
+        meat[np.ix_(used, used)] += w ** 4 * r_noise.covariance(j[used], chain)
+    covariance = inverse @ meat @ inverse
+    independent = sum(n.independent(chain) for n in noise)
+    dof = max(1.0, independent - len(free))
+    covariance *= max(independent, 2.0) / max(independent - len(free), 1.0)
+    fitted = Fit({**problem.parameters, **dict(zip(free, map(float, x)))}, free, variables, x,
+                 x + inverse @ gram[:-1, -1], covariance, null, dof, noise, problem.names, weights)
+    fitted.error = {c: float(np.sqrt(np.mean(r ** 2))) for c, r in zip(problem.names, residual)}
+    return fitted
+
+
+def orthonormal(inverse):
+    """Square root of an inverse normal matrix: takes derivatives to an orthonormal basis of what they fit.
+
+    Parameters
+    ----------
+    inverse : ndarray, shape (p, p)
+
+    Returns
+    -------
+    ndarray, shape (p, p)
+        Rows that belong to what is not determined are zero.
+    """
+    if len(inverse) == 0:
+        return inverse
+    scale = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+    values, vectors = np.linalg.eigh(inverse / np.outer(scale, scale))
+    return np.sqrt(np.maximum(values, 0))[:, None] * (vectors.T * scale)
+
+
+def invert(normal):
+    """Pseudo-inverse of a normal matrix, and the directions that it does not determine.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (p, p)
+        Symmetric, positive semidefinite.
+
+    Returns
+    -------
+    inverse : ndarray, shape (p, p)
+    null : ndarray, shape (k, p)
+        In the parameters' own units.
+    """
+    if len(normal) == 0:
+        return normal, np.zeros((0, 0))
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    dead = np.diag(normal) <= 1e-24 * max(np.max(np.diag(normal)), 1e-300)
+    scaled = normal / np.outer(scale, scale)
+    scaled[dead, :] = scaled[:, dead] = 0.0
+    values, vectors = np.linalg.eigh(scaled)
+    kept = values > NULL
+    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
+    null = vectors[:, ~kept].T / np.where(dead, 1.0, scale)
+    return inverse, null / np.maximum(np.max(np.abs(null), axis=1, keepdims=True), 1e-300) if len(null) else null

@@ -1,0 +1,109 @@
+"""Findings of a diagnosis in; what an engineer asks of each (where, how large, how sure, what would decide) out."""
+
+from __future__ import annotations
+
+from ..compile import find_effect
+from ..compile.effects import annotation
+from ..fit.nullspace import number
+
+# what an effect needs the data to vary, and the variable that its signature is drawn over
+OVER = {"speeds": "speed@{place}", "loads": "load@{place}", "load_signs": "load@{place}", "time": "time",
+        "temperatures": "temperature", "reversals": "time_since_reversal", "accelerations": "acceleration@{place}"}
+
+
+def fall(before, after):
+    """Part of each channel's error that goes.
+
+    Parameters
+    ----------
+    before, after : dict of str to float
+
+    Returns
+    -------
+    dict of str to float
+    """
+    return {c: 1 - after[c] / before[c] for c in after if before.get(c)}
+
+
+def experiment(library, finding):
+    """What would tell a candidate from its twins, or make it surer where it has none.
+
+    Parameters
+    ----------
+    library : Library
+    finding : Finding
+
+    Returns
+    -------
+    str
+        An imperative without a full stop.
+    """
+    own = annotation(library, find_effect(library, finding.effect).model).get("experiment", "")
+    others = {t["effect"] for t in finding.twins} - {finding.effect}
+    wanted = [own, *(annotation(library, find_effect(library, e).model).get("experiment", "") for e in sorted(others))]
+    text = "; ".join(dict.fromkeys(w for w in wanted if w))
+    places = [t["place"] for t in finding.twins if t["effect"] == finding.effect]
+    if places:
+        text += (f"; and choose a line along which what acts at {finding.place} and at {', '.join(places)} differs, "
+                 "if the mechanism has one")
+    return text
+
+
+def sentence(library, finding, error):
+    """One candidate in words.
+
+    Parameters
+    ----------
+    library : Library
+    finding : Finding
+    error : dict of str to float
+        Before it is added.
+
+    Returns
+    -------
+    str
+    """
+    effect = find_effect(library, finding.effect)
+    what = effect.description[:1].lower() + effect.description[1:]
+    gone = fall(error, finding.predicted_error)
+    best = max(gone, key=gone.get, default=None)
+    text = f"At {finding.place}: {what}. "
+    text += (f"Chance alone would find something as large in {_chance(finding.p_value)} among all the effects and "
+             "places tested. ")
+    if best is not None and gone[best] > 0:
+        text += f"Adding it should take {100 * gone[best]:.0f} % off the error of {best}. "
+    known = [f"{n} = {number(c['value'])} {'' if c['unit'] == '1' else c['unit']}".rstrip()
+             + (f" ({number(c['ci95'][0])} to {number(c['ci95'][1])})" if None not in c["ci95"] else "")
+             for n, c in finding.coefficients.items() if c["value"] is not None]
+    if known:
+        text += f"It would be {', '.join(known)}. "
+    if finding.twins:
+        twins = ", ".join(f"{t['effect']} at {t['place']}" for t in finding.twins)
+        text += f"These data cannot tell it from {twins}. "
+    return text.strip()
+
+
+def _chance(p):
+    """A probability in words of one in so many; the smallest that the draws can tell is a bound."""
+    if p > 0.995:
+        return "nearly every log"
+    if p > 0.5:
+        return f"{100 * p:.0f} logs of 100"
+    return f"{'at most ' if p <= 5e-4 else ''}one log of {round(1 / p):d}"
+
+
+def variable(library, finding):
+    """Variable of the residual over which an effect's signature shows best; None where no single one does.
+
+    Parameters
+    ----------
+    library : Library
+    finding : Finding
+
+    Returns
+    -------
+    str or None
+    """
+    needs = annotation(library, find_effect(library, finding.effect).model).get("needs", "").split()
+    form = next((OVER[n] for n in needs if n in OVER), None)
+    return form.format(place=finding.place.split("+")[0]) if form else None

@@ -1,0 +1,1 @@
+"""A study file in; checked settings out, and back into a file."""
