@@ -21,7 +21,9 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))  # the package of this checkout, not an installed one
 
 import pycosim  # noqa: E402
-from pycosim.cli import verbs
+from pycosim import cli
+from pycosim.cli import new
+from pycosim.cli import parser
 from pycosim.study import schema  # noqa: E402
 from pycosim.compile import Library, catalogue, places  # noqa: E402
 from pycosim.compile.effects import annotation  # noqa: E402
@@ -116,13 +118,13 @@ def modules():
 def _command_line():
     """Every verb with its help, as the program prints it."""
     os.environ["COLUMNS"] = "100"  # argparse asks the terminal otherwise
-    parser = verbs.build_parser()
+    program = parser.build_parser()
     yield "# Command line\n"
-    yield f"```text\n{parser.format_help().strip()}\n```"
-    yield "\nExit codes: " + verbs.__doc__.partition("Exit codes: ")[2].partition("\n")[0]
-    verbs = next(a for a in parser._actions if a.dest == "verb").choices
-    for verb, sub in verbs.items():
-        main = verbs.VERBS[verb][1]
+    yield f"```text\n{program.format_help().strip()}\n```"
+    yield "\nExit codes: " + cli.__doc__.partition("Exit codes: ")[2].partition("\n")[0]
+    subs = next(a for a in program._actions if a.dest == "verb").choices
+    for verb, sub in subs.items():
+        main = parser.VERBS[verb][1]
         yield f"\n## {verb}\n\n{sub.description}\n\n```text\n{sub.format_help().strip()}\n```"
         if main:
             yield f"\n`--json` prints `{main}`."
@@ -158,24 +160,24 @@ def _study(library):
     whole, setting, column = (_attributes(c) for c in (schema.Study, schema.Setting, schema.Column))
     yield ("# Study file\n\nA study is a TOML file; paths in it are relative to it. A key that nothing "
            "reads is refused, with the nearest one that is. Top-level tables: "
-           + ", ".join(f"`[{t}]`" for t in schema._TABLES) + ".")
-    yield from _keys("[rig]", "[rig]", schema._RIG_KEYS, whole)
-    yield from _keys("[parameters]", "[parameters]", schema._SETTING_KEYS, setting,
+           + ", ".join(f"`[{t}]`" for t in schema.TABLES) + ".")
+    yield from _keys("[rig]", "[rig]", schema.RIG_KEYS, whole)
+    yield from _keys("[parameters]", "[parameters]", schema.SETTING_KEYS, setting,
                      "One entry a parameter of the rig: `\"s1A.f0\" = { value = 0.05, fixed = false }`.")
-    yield from _keys("[data]", "[data]", schema._DATA_KEYS, whole,
-                     f"`{'`, `'.join(schema._TOP_KEYS)}` may stand at the top of the file as well. References: "
+    yield from _keys("[data]", "[data]", schema.DATA_KEYS, whole,
+                     f"`{'`, `'.join(schema.TOP_KEYS)}` may stand at the top of the file as well. References: "
                      f"`{'`, `'.join(schema.REFERENCES)}`; drop-outs: `{'`, `'.join(schema.DROP_OUTS)}`; readers that "
                      f"no ending of a file names: `{'`, `'.join(schema.READERS)}`.")
-    yield from _keys("[columns]", "[columns]", schema._COLUMN_KEYS, column,
+    yield from _keys("[columns]", "[columns]", schema.COLUMN_KEYS, column,
                      "One entry a column of the log: `tau1 = { variable = \"motor1.tau\", unit = \"N.m\" }`. Besides "
                      f"the rig's variables: `{'`, `'.join(schema.LOG_VARIABLES)}`.")
     yield ("\n## [[effects]]\n\nOne table an effect: `effect`, its name, and `place`, where it acts "
            "([effects](effects.md)).")
     documented = {"rig", "parameters", "data", "columns", "effects"}
-    for table in [t for t in schema._TABLES if t not in documented]:
+    for table in [t for t in schema.TABLES if t not in documented]:
         kind, text = whole[table]
         yield f"\n## [{table}]\n\n{text}"
-    text = "\n".join(verbs.template(library, RIG, ["run1.csv"]))
+    text = "\n".join(new.template(library, RIG, ["run1.csv"]))
     yield f"\n## A study to start from\n\nWhat `pycosim new HipKnee --data run1.csv` writes:\n\n```toml\n{text}\n```"
 
 

@@ -39,7 +39,7 @@ def run(case):
     from pycosim.diagnosis import search
     from pycosim.compile import Library
     from pycosim.data.dataset import Dataset
-    from pycosim.study.schema import load_study
+    from pycosim.study.parse import load_study
     row = {"kind": case.kind, "effects": list(case.effects), "seed": case.seed, "half": case.half}
     try:
         drawn = cases.draw(case)

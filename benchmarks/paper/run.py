@@ -39,7 +39,7 @@ def case(seed):
     from pycosim.fit import least_squares
     from pycosim.compile import Library
     from pycosim.data.dataset import Dataset
-    from pycosim.study.schema import load_study
+    from pycosim.study.parse import load_study
     study, library = load_study(STUDY), Library()
     with tempfile.TemporaryDirectory() as folder:
         blind = Dataset(study.with_data([log(seed, folder)]), library)

@@ -50,7 +50,7 @@ def as_machine(motion, rate=100.0):
 
 def study(reference):
     """The example's study, with or without a reference of the joint torques."""
-    from pycosim.study.schema import load_study
+    from pycosim.study.parse import load_study
     return replace(load_study(STUDY), reference=reference)
 
 
@@ -71,13 +71,14 @@ def planned(reference, seed, criterion="intervals"):
     """Plan of the baseline's duration, made from one log of the baseline, and its predicted fit of everything."""
     from pycosim.fit import least_squares
     from pycosim.design import optimiser
+    from pycosim.design import plan
     from pycosim.design.prediction import expected, predicted_fit
     first = dataset(baseline(), seed, reference)
     fit = least_squares.fit(first, first.base, part="all")
-    k = optimiser.known(first.study, first.library, first.base, first, fit)
+    k = plan.known(first.study, first.library, first.base, first, fit)
     k.prior = optimiser.prior_of(None, k.free, fit.variables)  # the new log is to stand alone, as the baseline does
     start = time.monotonic()
-    found = optimiser.make_plan(k, budget=float(baseline().time[-1]), criterion=criterion)
+    found = plan.make_plan(k, budget=float(baseline().time[-1]), criterion=criterion)
     took = time.monotonic() - start
     log = expected(k.study, k.library, k.asked, k.workspace.kinematics, k.model, k.values, found.motion)
     return found, predicted_fit(log, k.model, k.free, k.values, k.noise, "all"), took

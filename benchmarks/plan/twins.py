@@ -46,7 +46,7 @@ def fits(data, pair, truth):
 def case(arguments):
     """Variances of the noise by which the right one of two is better on unseen folds, and over their spread."""
     from benchmarks.plan.run import baseline, dataset
-    from pycosim.diagnosis.diagnose import difference, select
+    from pycosim.diagnosis.crossval import difference, select
     motion, seed, (true, other) = arguments
     key = true[:2]
     data = dataset([baseline(), motion], seed, "gravity_model", (rig.Effect(key[0], key[1], **true[2]),))
@@ -61,15 +61,15 @@ def case(arguments):
 def planned(pair, seed):
     """Plan that separates a pair, from one log of the six manoeuvres with the first of it hidden."""
     from benchmarks.plan.run import baseline, dataset
-    from pycosim.design import optimiser
-    from pycosim.fit.least_squares import fit as identify
+    from pycosim.design import plan
+    from pycosim.fit import least_squares
     true, other = pair
     first = dataset(baseline(), seed, "gravity_model", (rig.Effect(true[0], true[1], **true[2]),))
-    fit = least_squares(first, first.base, part="all")
-    k = optimiser.known(first.study, first.library, first.base, first, fit)
-    blocks = optimiser.rivals([(true[:2], other)], fits(first, (true[:2], other), true[2]))
-    found = optimiser.make_plan(k, "twins", BUDGET, 100.0, blocks)
-    return found.motion, optimiser.separations(found)
+    fit = least_squares.fit(first, first.base, part="all")
+    k = plan.known(first.study, first.library, first.base, first, fit)
+    blocks = plan.rivals([(true[:2], other)], fits(first, (true[:2], other), true[2]))
+    found = plan.make_plan(k, "twins", BUDGET, 100.0, blocks)
+    return found.motion, plan.separations(found)
 
 
 def report(pairs, seeds, pool):

@@ -27,13 +27,13 @@ def ladder(study):
 
 def screw(number):
     """The study of a drive."""
-    from pycosim.study.schema import load_study
+    from pycosim.study.parse import load_study
     return load_study(ROOT / "examples" / "screw_drives" / f"drive{number}.toml")
 
 
 def servo_splits(key):
     """Studies of the servo that hold out the runs of one value of a key at a time."""
-    from pycosim.study.schema import load_study
+    from pycosim.study.parse import load_study
     study = load_study(ROOT / "examples" / "servo_pendulum" / "study.toml")
     runs = [*study.runs, *study.held_out]
     values = {path: json.loads(path.read_text())[key] for path in runs}

@@ -58,7 +58,7 @@ def task(name, path):
     from pycosim.data.dataset import Dataset
     from pycosim.data.logs import read_log
     from pycosim.report.page import write_report
-    from pycosim.study.schema import load_study
+    from pycosim.study.parse import load_study
     study, told, start = load_study(STUDY).with_data([path]), "", time.perf_counter()
     if name == "read":
         log = read_log(path, study)

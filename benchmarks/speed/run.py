@@ -26,7 +26,7 @@ def data(samples, folder, effects=()):
     """A data set of about so many samples at 100 Hz."""
     from pycosim.compile import Library
     from pycosim.data.dataset import Dataset
-    from pycosim.study.schema import load_study
+    from pycosim.study.parse import load_study
     rng = np.random.default_rng(0)
     repeats = max(1, round(samples / 21700))
     rate = 100.0 * min(1.0, samples / 21700)
@@ -71,7 +71,7 @@ def least(function, times=3):
 
 def main():
     """Print the table."""
-    from pycosim.diagnosis import diagnose
+    from pycosim.diagnosis import decide
     from pycosim.fit import least_squares
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", nargs="*", type=int, default=[10000, 86000, 100000, 1000000])
@@ -84,7 +84,7 @@ def main():
         slow, reference = least(lambda: baseline(dataset), 2)
         fast, fit = least(lambda: least_squares.fit(dataset, dataset.base, part="all"))
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        ranking, _ = least(lambda: diagnose.diagnose(dataset, dataset.base, fit), 2)
+        ranking, _ = least(lambda: decide.diagnose(dataset, dataset.base, fit), 2)
         print(f"{len(dataset.time):9d} {slow:9.2f} {fast:9.3f} {slow / fast:7.1f} "
               f"{ranking:12.2f} {ranking / slow:9.2f} {memory:9.0f}")
         order = [fit.free.index(n) for n in names()]

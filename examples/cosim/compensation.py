@@ -14,7 +14,7 @@ from common import HERE, IMAGES, changed, logged
 from draw import compensation as figure
 from draw import write
 
-from pycosim.study.schema import load_study
+from pycosim.study.parse import load_study
 
 # Friction parameters of the controller: of the machine, 1.5 times and half its losses, or of no machine at all.
 CASES = {"none": (0.0, 1.0), "right": (1.0, 1.0), "losses x 1.5": (1.0, 1.5), "losses x 0.5": (1.0, 0.5)}

@@ -20,7 +20,7 @@ from pycosim.compile import ArrayFunction, Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.export.description import values
 from pycosim.dynamics.simulate import estimate
-from pycosim.study.schema import load_study
+from pycosim.study.parse import load_study
 
 BINS = 8
 

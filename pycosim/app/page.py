@@ -8,7 +8,9 @@ from pathlib import Path
 
 from nicegui import run, ui
 
-from ..report import results
+from ..fit.nullspace import number
+from ..report import records
+from ..report import sentences
 from ..diagnosis.compare import worded
 from ..compile import compile_model, find_effect
 from ..diagnosis.dependence import noise_floor
@@ -166,9 +168,9 @@ class Page:
         step = self.bench.step
         with ui.row().classes("items-center gap-6"):
             ui.label(f"{self.bench.study.name}: {self.bench.names()[-1]}").classes("text-lg")
-            ui.label(f"error {results.errors_text(step.error)}")
+            ui.label(f"error {sentences.errors_text(step.error)}")
             if step.held_out_error:
-                held_out = ui.label(f"held-out {results.errors_text(step.held_out_error)}").classes("font-bold")
+                held_out = ui.label(f"held-out {sentences.errors_text(step.held_out_error)}").classes("font-bold")
                 held_out.props("data-held-out")
             undo = ui.button("Undo", on_click=self._undo)
             undo.set_enabled(len(self.bench.steps) > 1)
@@ -187,7 +189,7 @@ class Page:
         if self.log:
             self._mapping()
         if self.bench.steps:
-            for line in results.summary_data(self.bench.dataset):
+            for line in sentences.summary_data(self.bench.dataset):
                 ui.label(line)
             chart = charts.plane(self.bench.dataset)
             if chart:
@@ -281,13 +283,13 @@ class Page:
             return
         ui.button("Diagnose", on_click=self._diagnose)
         if bench.found is not None:
-            told = results.diagnosis(bench.found, bench.library)
-            for line in results.summary_diagnosis({**told, "undetectable": []}, bench.library, len(bench.steps) > 1):
+            told = records.diagnosis(bench.found, bench.library)
+            for line in sentences.summary_diagnosis({**told, "undetectable": []}, bench.library, len(bench.steps) > 1):
                 ui.label(line)
             for k, (candidate, finding) in enumerate(zip(told["candidates"][:CARDS], bench.found.candidates)):
                 self._card(candidate, finding, k < DRAWN)
             with ui.expansion("What these data cannot show").classes("w-full"):
-                for line in results.summary_undetectable(told["undetectable"]):
+                for line in sentences.summary_undetectable(told["undetectable"]):
                     ui.label(line)
         floor = noise_floor(bench.dataset, bench.step.model, bench.step.fit)
         self.plot(charts.ladder(bench.dataset, bench.steps, floor))
@@ -307,10 +309,10 @@ class Page:
 
     def _lines(self, told):
         yield told.get("sentence") or f"{find_effect(self.bench.library, told['effect']).description}."
-        yield ", ".join(results._coefficient(n, c) for n, c in told["coefficients"].items()) + "."
-        yield (f"p = {results.number(told['p_value'])} over everything that was tested; error, predicted: "
-               f"{results._change(self.bench.step.fit.error, told['predicted_error'])}.")
-        yield from results._twins(told, self.bench.library)
+        yield ", ".join(sentences.coefficient_text(n, c) for n, c in told["coefficients"].items()) + "."
+        yield (f"p = {number(told['p_value'])} over everything that was tested; error, predicted: "
+               f"{sentences.change_text(self.bench.step.fit.error, told['predicted_error'])}.")
+        yield from sentences.alternatives_text(told, self.bench.library)
         if told.get("experiment"):
             yield f"What would decide: {told['experiment']}."
 

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from ..fit import least_squares
-from ..report import results
+from ..report.folder import Folder
+from ..report import records
 from ..compile import Library, compile_model
 from ..data.dataset import Dataset
-from ..diagnosis.diagnose import Finding, _nudged, diagnose
+from ..diagnosis.decide import Finding, nudged, diagnose
 from ..core.errors import PycosimError, StudyError
 from ..export import export
 from ..diagnosis.search import step_of
@@ -23,7 +24,9 @@ from ..data.logs import load
 from ..data.readers import read_parts
 from ..report import values
 from ..study.template import first_parameters, rigs
-from ..study.schema import Setting, Study, load_study, write_study
+from ..study.schema import Setting, Study
+from ..study.parse import load_study
+from ..study.write import write_study
 from .mapping import suggest, wanted
 
 FEW = 200  # samples below which a region says nothing
@@ -211,7 +214,7 @@ class Workbench:
         known = next((f for f in self.found.candidates if f.key == (effect, place)), None) if self.found else None
         start = {**step.fit.parameters, **(known.start if known else {})}
         fit = least_squares.fit(self.dataset, model, known.fit.parameters if known and known.fit
-                           else _nudged(start, model, known))
+                           else nudged(start, model, known))
         say("computing errors")
         added = step_of(self.dataset, model, fit, known or Finding(effect, place))
         say("done")
@@ -287,7 +290,7 @@ class Workbench:
         -------
         Study
         """
-        made = results.improved_study(self.study, self.step.model, self.step.fit)
+        made = records.improved_study(self.study, self.step.model, self.step.fit)
         return replace(made, path=self.folder / "study.toml")
 
     def save(self):
@@ -341,7 +344,7 @@ class Workbench:
         model = study.validate(self.library)
         self.make()
         say("building the FMU")
-        with results.Folder(self.folder / "fmu", "export", None, ("export.json",)) as folder:
+        with Folder(self.folder / "fmu", "export", None, ("export.json",)) as folder:
             made = export(study, model, folder.temporary, "fmu", fmi)
         say("done")
         return self.folder / "fmu" / next(f for f in made.files if f.endswith(".fmu"))

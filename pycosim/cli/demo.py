@@ -12,14 +12,17 @@ from pathlib import Path
 
 from ..diagnosis import compare
 from ..fit import least_squares
-from ..report import results
+from ..report.folder import Folder
+from ..report import records
+from ..report import sentences
 from ..compile import Library, compile_model, component_name
 from ..cosim.master import cosimulate
 from ..data.dataset import Dataset
 from ..diagnosis.search import improve
 from ..report import figures
 from ..report.page import write_report
-from ..study.schema import load_study, write_study
+from ..study.parse import load_study
+from ..study.write import write_study
 
 RIG = "DriveTrain.Rigs.HipKnee"
 HIDDEN = ("stribeck", "2A", {"fs": 0.045, "ws": 0.85})  # N.m, rad/s
@@ -148,7 +151,7 @@ def run(out, quiet=False, progress=None):
     began, out = clock.monotonic(), Path(out)
     say = (lambda *lines: None) if quiet else _say
     progress = progress or (lambda text: None)
-    with results.Folder(out, "demo", writes=FILES) as folder:
+    with Folder(out, "demo", writes=FILES) as folder:
         library = Library()
         progress("making a log")
         _make(library, folder, progress=progress)
@@ -206,25 +209,25 @@ def _compare(dataset, folder, progress, say):
     fit = least_squares.fit(dataset, dataset.base)
     comparison = compare.compare(dataset, dataset.base, fit)
     folder.write("comparison.json", comparison)
-    say("2. The base model, fitted, against the log.", *_indent(results.summary_comparison(comparison)), "")
+    say("2. The base model, fitted, against the log.", *_indent(sentences.summary_comparison(comparison)), "")
 
 
 def _write(folder, study, dataset, found):
     """Results as those of ``improve``; the improved study goes beside the given one."""
-    folder.write("diagnosis.json", results.diagnosis(found.first, dataset.library))
-    folder.write("diagnosis_final.json", results.diagnosis(found.last, dataset.library))
-    folder.write("ladder.json", results.ladder(found.steps, dataset))
-    folder.write("parameters.json", results.parameters(found.fit, found.model, study.seed))
+    folder.write("diagnosis.json", records.diagnosis(found.first, dataset.library))
+    folder.write("diagnosis_final.json", records.diagnosis(found.last, dataset.library))
+    folder.write("ladder.json", records.ladder(found.steps, dataset))
+    folder.write("parameters.json", records.parameters(found.fit, found.model, study.seed))
     folder.write("model.mo", found.model.text.rstrip("\n") + "\n")
-    write_study(results.improved_study(study, found.model, found.fit), folder.file("improved.toml"))
+    write_study(records.improved_study(study, found.model, found.fit), folder.file("improved.toml"))
 
 
 def _tell(dataset, found, say):
     """What was found, then what was hidden."""
     library = dataset.library
-    first, last = (results.diagnosis(d, library) for d in (found.first, found.last))
-    parameters = results.parameters(found.fit, found.model, 0)
-    lines = results.summary_improvement(first, last, results.ladder(found.steps, dataset), parameters, library)
+    first, last = (records.diagnosis(d, library) for d in (found.first, found.last))
+    parameters = records.parameters(found.fit, found.model, 0)
+    lines = sentences.summary_improvement(first, last, records.ladder(found.steps, dataset), parameters, library)
     hidden = [line for line in lines if line.startswith("Not visible")]
     say("3. What is missing, and what is left when it is added.", *_indent(x for x in lines if x not in hidden))
     if hidden:

@@ -9,7 +9,8 @@ from fractions import Fraction
 from pathlib import Path
 
 from ..core.errors import ScenarioError, closest
-from ..study.schema import _Source, _toml
+from ..study.parse import Source
+from ..study.write import to_toml
 
 METHODS = ("gauss-seidel", "jacobi")
 KINDS = {  # key that says what a component is: keys that go with it
@@ -137,7 +138,7 @@ class Scenario:
         return self.path.parent / name
 
 
-class _File(_Source):
+class _File(Source):
     """A scenario's text; its messages name file and line."""
 
     def __init__(self, path):
@@ -226,7 +227,7 @@ def _numbers(source, table, key, where):
     found = source.take(table, key, dict, where, {})
     for name, value in found.items():
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise source.error(f"{where} {key}", f"'{name}' must be a finite number, not {_toml(value)}", name)
+            raise source.error(f"{where} {key}", f"'{name}' must be a finite number, not {to_toml(value)}", name)
     return {n: float(v) for n, v in found.items()}
 
 
@@ -234,7 +235,7 @@ def _connection(source, text, components):
     where = "connections"
     parts = [p.strip() for p in text.split("->")] if isinstance(text, str) else []
     if len(parts) != 2 or not all(parts):
-        raise source.error(where, f'{_toml(text)} is not of the form "plant.motor1.phi -> controller.motor1.phi"',
+        raise source.error(where, f'{to_toml(text)} is not of the form "plant.motor1.phi -> controller.motor1.phi"',
                            "connections")
     ends = [_signal(source, p, components, where, alone=True) for p in parts]
     if (ends[0][1] is None) != (ends[1][1] is None):

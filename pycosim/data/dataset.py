@@ -12,7 +12,8 @@ from . import segmentation
 from ..compile import ArrayFunction, catalogue, compile_model, component_name
 from ..dynamics.delays import undo
 from ..core.errors import DataError, StudyError
-from .logs import default_window, derivatives, load, require, require_alike, resolution
+from .derivatives import default_window, derivatives, resolution
+from .logs import load, require, require_alike
 from .noise import contiguous
 from .residuals import Residuals, Term
 from ..dynamics.states import dependent_parameters, propagate

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 from . import compare
 from ..fit import least_squares
 from ..compile import compile_model
-from .diagnose import diagnose, difference, select
+from .decide import diagnose
+from .crossval import difference, select
 
 MOST = 6  # effects that one search may add
 

@@ -13,18 +13,15 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from ..core import cache
-from ..compile import ArrayFunction, catalogue, compile_model, places, potentials
-from ..compile import solve
+from ..compile import catalogue, compile_model, places
+from ..compile.contribution import AHEAD, Contribution, additions, effect_question
 from ..compile.effects import PARTNER, ports
-from ..compile.model import Question, _dump, _load
-from ..dynamics.delays import Record
 from ..data.noise import contiguous
 from ..data.residuals import Residuals
+from ..dynamics.delays import Record
 from ..dynamics.states import propagate
 
 CYCLES = 20.0  # highest number of cycles a revolution that is searched
-AHEAD = "ahead(signal.tau)"  # by how much a torque is ahead of its record
 _LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
 _ENOUGH = 20000  # samples to test by; longer logs are thinned, the noise of the residual averaged ..
 _SHORT = 0.05  # .. over at most so many seconds
@@ -61,120 +58,6 @@ class Candidate:
     def key(self):
         """Effect and place."""
         return self.effect.id, self.place.name
-
-
-def additions(library, effect):
-    """What an effect may add, and the parameter of the place's probe that stands for it.
-
-    Parameters
-    ----------
-    library : Library
-    effect : Effect
-
-    Returns
-    -------
-    dict of str to str
-        Variable of the effect, to parameter of the probe.
-    """
-    found = {a: a for c in effect.ports if c in ports(library) for a in ports(library)[c].additions}
-    return {**found, "loss": "dtau"} if "dtau" in found else found  # torque at the shaft reads like one in the channel
-
-
-def effect_question(library, effect):
-    """An effect's own equation: state of its ports in, additions out.
-
-    Parameters
-    ----------
-    library : Library
-    effect : Effect
-
-    Returns
-    -------
-    Question
-
-    Raises
-    ------
-    ModelicaError
-        The effect by itself does not compile, or does not determine its additions.
-    """
-    def make():
-        flat = library.flatten(effect.model)
-        open_ports = tuple(f"{c}." for c in effect.connectors)  # a class by itself has its flows set to zero
-        flat.equations = [e for e in flat.equations if not (e.is_symbolic() and e.name().startswith(open_ports))]
-        known = [*(f"{c}.{m}" for c, kind in effect.connectors.items() for m in potentials(library, kind)),
-                 *effect.inputs]
-        solution = solve(flat, known)
-        values = solution.values
-        if effect.channel:  # adds to a record what it has not caught up with yet
-            solution.symbols[AHEAD] = ca.SX.sym(AHEAD)
-            values["dtau"] = -solution.symbols[AHEAD]
-        outputs = [o for o in [*additions(library, effect), "delay"] if o in values and not values[o].is_zero()]
-        y = ca.vertcat(*[values[o] for o in outputs])
-        states = solution.states
-        rates = ca.vertcat(*[values[flat.derivatives[s]] for s in states]) if states else ca.SX(0, 1)
-        used = [s.name() for s in ca.symvar(ca.vertcat(y, rates))]
-        inputs = [n for n in used if n not in flat.parameters and n not in states]
-        parameters = list(flat.parameters)
-        arguments = [ca.vertcat(*[solution.symbols[n] for n in names]) if names else ca.SX(0, 1)
-                     for names in (inputs, states, parameters)]
-        described = dict(flat.parameters)
-        return Question(inputs, states, parameters, outputs, ca.Function("output", arguments, [y]),
-                        ca.Function("rate", arguments, [rates]), described)
-
-    key = cache.digest(library.digest, "effect", effect.model)
-    return library.memo(("effect", effect.id), lambda: cache.remember("effect", key, make, _dump, _load))
-
-
-class Contribution:
-    """What an effect adds to its ports a unit of its coefficients, near its neutral point."""
-
-    def __init__(self, library, effect):
-        self.effect, self.question = effect, effect_question(library, effect)
-        q = self.whole = self.question
-        self.question = q = q.select([o for o in q.outputs if o != "delay"])
-        self.defaults = {n: v.value for n, v in q.variables.items()}
-        u, x, p = q.symbols()
-        y = q.output(u, x, p)
-        sizes = [p[q.parameters.index(c)] for c in effect.size]
-        whole = ca.substitute(y, ca.vertcat(*sizes), [self.defaults[c] for c in effect.size]) if sizes else y
-        self.coefficients, parts = list(effect.size), [ca.jacobian(y, size) for size in sizes]
-        if effect.scan and not _vanishes(whole):  # what has no amplitude: its addition at the grid point itself
-            self.coefficients.insert(0, next(iter(effect.scan)))
-            parts.insert(0, whole)
-        self.function = ArrayFunction(ca.Function("contribution", [u, x, p], [ca.densify(ca.cse(v)) for v in parts]))
-
-    def delay(self, grid):
-        """Delay of a channel effect at a grid point.
-
-        Parameters
-        ----------
-        grid : dict of str to float
-            Values of the coefficients that vanish with the effect.
-
-        Returns
-        -------
-        float
-            [s]
-        """
-        values = {**self.defaults, **grid}
-        chosen = self.whole.select(["delay"])
-        arguments = [0.0] * len(chosen.inputs) + [values[p] for p in chosen.parameters]
-        return ArrayFunction(chosen.output)(arguments, 1)[0, 0]
-
-    def __call__(self, signals, states, grid, n):
-        """Additions, shape (coefficients, ports, n)."""
-        q = self.question
-        values = {**self.defaults, **grid}
-        arguments = [signals[i] for i in q.inputs] + list(states) + [values[p] for p in q.parameters]
-        return self.function(arguments, n).reshape(len(self.coefficients), len(q.outputs), n)
-
-
-def _vanishes(expression):
-    """Whether an expression is zero whatever its variables, by numbers."""
-    names = ca.symvar(expression)
-    value = ca.Function("value", names, [ca.densify(expression)])
-    points = np.random.default_rng(0).uniform(0.2, 0.9, (4, len(names)))
-    return all(np.abs(np.array(value.call([ca.DM(v) for v in p])[0])).max() < 1e-12 for p in points)
 
 
 def _averaged(values, pieces, width):

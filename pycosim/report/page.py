@@ -16,11 +16,12 @@ import pandas as pd
 from jinja2 import Environment, FileSystemLoader
 
 from .. import __version__
-from . import results
 from ..diagnosis.compare import worded
 from ..compile import compile_model, find_effect
 from ..compile.effects import annotation
-from . import charts, values
+from ..fit.nullspace import number
+from . import charts, records, sentences
+from .sentences import finite
 
 HERE = Path(__file__).parent
 SECTIONS = (("measured", "What was measured"), ("against", "Model against measurement"), ("where", "Where it fails"),
@@ -28,7 +29,6 @@ SECTIONS = (("measured", "What was measured"), ("against", "Model against measur
             ("next", "What to measure next"), ("again", "How to reproduce"))
 CARDS = 4  # candidates with a card, besides those that were added
 PACKAGES = "numpy", "scipy", "casadi", "pymoca", "plotly"
-number = results.number
 
 
 class Page:
@@ -44,8 +44,8 @@ class Page:
 
     def __init__(self, dataset, improvement, command):
         self.dataset, self.found, self.command, self.library = dataset, improvement, command, dataset.library
-        self.first, self.last = (results.diagnosis(d, self.library) for d in (improvement.first, improvement.last))
-        self.parameters = results.parameters(improvement.fit, improvement.model, dataset.study.seed)
+        self.first, self.last = (records.diagnosis(d, self.library) for d in (improvement.first, improvement.last))
+        self.parameters = records.parameters(improvement.fit, improvement.model, dataset.study.seed)
         steps = improvement.steps
         self.models = [(s.model, s.fit) for s in (steps if len(steps) < 2 else (steps[0], steps[-1]))]
         self.floor = {c: v for c, v in self.last["noise_floor"].items() if v is not None}
@@ -95,9 +95,9 @@ class Page:
     def _headline(self):
         added = [s.added for s in self.found.steps[1:]]
         if not added:
-            return results.summary_diagnosis(self.first, self.library)[0]
+            return sentences.summary_diagnosis(self.first, self.library)[0]
         names = ", then ".join(f"{e.replace('_', ' ')} at {p}" for e, p in added)
-        last = results.summary_diagnosis(self.last, self.library, final=True)[0]
+        last = sentences.summary_diagnosis(self.last, self.library, final=True)[0]
         return f"Missing in the model: {names}. {last}"
 
     # ---- what was measured
@@ -106,8 +106,8 @@ class Page:
         d = self.dataset
         reference = {"sensor": "measured by a sensor", "gravity_model": "computed from the leg's weight",
                      "unknown": "not said in the study"}[d.study.reference]
-        lines = [*results.summary_data(d), *results.summary_doubt(d, self.found.steps[0].fit),
-                 f"Noise floor: {results.errors_text(self.floor)}: no model of this kind could get below it."]
+        lines = [*sentences.summary_data(d), *sentences.summary_doubt(d, self.found.steps[0].fit),
+                 f"Noise floor: {sentences.errors_text(self.floor)}: no model of this kind could get below it."]
         if not d.paired:
             lines.append(f"Where the reference comes from: {reference}.")
         rows = [(log.name, len(log.time), f"{log.time[-1] - log.time[0]:.4g}",
@@ -146,12 +146,12 @@ class Page:
     # ---- effects
 
     def _which(self):
-        lines = results.summary_diagnosis({**self.first, "undetectable": []}, self.library)
+        lines = sentences.summary_diagnosis({**self.first, "undetectable": []}, self.library)
         lines += self._unexplained()
         cards = [self._added(k) for k in range(1, len(self.found.steps))]
         shown = {(c["effect"], c["place"]) for c in cards}
         cards += [self._rival(c) for c in self._rivals(shown)]
-        rows = [(c["effect"], c["place"], number(c["p_value"]), results.errors_text(c["predicted_error"]),
+        rows = [(c["effect"], c["place"], number(c["p_value"]), sentences.errors_text(c["predicted_error"]),
                  "accepted" if c["accepted"] else "refitted" if c["refitted"] else "scored")
                 for c in self.first["candidates"]]
         table = _table("Candidates, best first", ("effect", "place", "p, family-wise", "predicted error", ""), rows)
@@ -184,11 +184,11 @@ class Page:
         kind = find_effect(self.library, effect)
         lines = [told["sentence"]] if told.get("sentence") else []
         if told.get("coefficients"):
-            lines.append(", ".join(results._coefficient(n, c) for n, c in told["coefficients"].items()) + ".")
+            lines.append(", ".join(sentences.coefficient_text(n, c) for n, c in told["coefficients"].items()) + ".")
         if told.get("p_value") is not None:
             lines.append(f"p = {number(told['p_value'])} over everything that was tested.")
         lines += self._falls(told)
-        lines += results._twins(told, self.library) if told.get("twins") else []
+        lines += sentences.alternatives_text(told, self.library) if told.get("twins") else []
         if told.get("experiment"):
             lines.append(f"What would decide: {told['experiment']}.")
         return {"effect": effect, "place": place, "description": f"{kind.description}.", "lines": lines, "chart": None}
@@ -199,7 +199,7 @@ class Page:
             if told.get(key):
                 lines.append(f"{text}: " + ", ".join(f"{c} {100 * v:.0f} %" for c, v in told[key].items()) + ".")
         if told.get("predicted_error") and not told.get("predicted_fall"):
-            change = results._change(self.first["error"], told["predicted_error"])
+            change = sentences.change_text(self.first["error"], told["predicted_error"])
             lines.append(f"Error, predicted before any refit: {change}.")
         return lines
 
@@ -208,8 +208,8 @@ class Page:
         before, step = self.found.steps[k - 1:k + 1]
         told = next((c for c in self.first["candidates"] if (c["effect"], c["place"]) == step.added), {})
         card = self._card(*step.added, told)
-        card["lines"].append(f"Error with it: {results._change(before.error, step.error)}"
-                             + (f"; on held-out passes {results._change(before.held_out_error, step.held_out_error)}"
+        card["lines"].append(f"Error with it: {sentences.change_text(before.error, step.error)}"
+                             + (f"; on held-out passes {sentences.change_text(before.held_out_error, step.held_out_error)}"
                                 if step.held_out_error else "") + ".")
         chart = charts.signature(self.dataset, (before.model, before.fit), (step.model, step.fit), step.added)
         return {**card, "accepted": True, "status": f"added, step {k}", "chart": self._keep(chart)}
@@ -235,8 +235,8 @@ class Page:
 
     def _fall(self):
         steps = self.found.steps
-        rows = [("base model" if s.added is None else f"+ {s.added[0]} at {s.added[1]}", results.errors_text(s.error),
-                 results.errors_text(s.held_out_error)) for s in steps]
+        rows = [("base model" if s.added is None else f"+ {s.added[0]} at {s.added[1]}", sentences.errors_text(s.error),
+                 sentences.errors_text(s.held_out_error)) for s in steps]
         told = self.dataset.held_out_ranges()
         seconds = sum(b - a for _, a, b in told)
         lines = [f"{len(told)} passes out and back, {seconds:.4g} s, were held out of every fit and of every choice."]
@@ -246,9 +246,9 @@ class Page:
 
     def _parameters(self):
         p = self.parameters
-        rows = [(n, results._finite(v["value"]), f"{results._finite(v['ci95'][0])} to {results._finite(v['ci95'][1])}",
-                 v["unit"], results._note(v), v.get("description") or "") for n, v in p["parameters"].items()]
-        words = results.summary_parameters(p)
+        rows = [(n, finite(v["value"]), f"{finite(v['ci95'][0])} to {finite(v['ci95'][1])}",
+                 v["unit"], sentences._note(v), v.get("description") or "") for n, v in p["parameters"].items()]
+        words = sentences.summary_parameters(p)
         lines = [line for line in words if line.startswith(("Not determined", "Weak", "Error"))]
         return {"lines": lines, "chart": self._keep(charts.intervals(p)),
                 "table": _table("Fitted parameters", ("parameter", "value", "95 %", "unit", "", "meaning"), rows)}
@@ -263,7 +263,7 @@ class Page:
                     self.library, find_effect(self.library, c["effect"]).model).get("experiment")
                 names = ", ".join(f"{t['effect']} at {t['place']}" for t in c["twins"])
                 lines += [f"To tell {c['effect']} at {c['place']} from {names}: {experiment}."] if experiment else []
-        lines += results.summary_undetectable(self.last["undetectable"])
+        lines += sentences.summary_undetectable(self.last["undetectable"])
         study = self.dataset.study
         lines.append(f"'pycosim plan {study.path.name}' turns this into a motion of the motors: one that narrows the "
                      "intervals, or tells the effects above apart"

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..design.identifiability import identifiability
 from ..fit.nullspace import number
-from ..design.optimiser import separations, table
-from .results import SCHEMA, plain
+from ..design.plan import separations, table
+from .records import SCHEMA, plain
 
 def plan(found):
     """``plan.json``.

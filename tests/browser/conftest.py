@@ -12,9 +12,10 @@ from urllib.request import urlopen
 
 import pytest
 
+from pycosim.report.folder import Folder
+
 from pycosim.cli import demo
-from pycosim.report import results
-from pycosim.cli.verbs import main
+from pycosim.cli.entry import main
 from pycosim.compile import Library
 
 ROOT = Path(__file__).parents[2]
@@ -55,7 +56,7 @@ def page(browser):
 def study(tmp_path_factory):
     """A study whose log hides a Stribeck term at 2A."""
     folder = tmp_path_factory.mktemp("browser") / "hidden"
-    with results.Folder(folder, "demo") as made:
+    with Folder(folder, "demo") as made:
         demo._make(Library(), made, speeds=(0.4, 1.6), longest=2.0)
     return folder / "study.toml"
 

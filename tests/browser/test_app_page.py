@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pycosim.study.schema import load_study
+from pycosim.study.parse import load_study
 
 LONG = 90_000  # ms; two noisy cores
 

@@ -3,7 +3,7 @@
 import pytest
 
 from conftest import JOINT
-from pycosim.cli.verbs import main
+from pycosim.cli.entry import main
 
 PARTS = """\
 class Bad:

@@ -14,12 +14,12 @@ import pandas as pd
 import pytest
 
 from conftest import JOINT
-from pycosim.cli.verbs import main
+from pycosim.cli.entry import main
 from pycosim.compile import Library
 from pycosim.cosim.master import cosimulate
 from pycosim.cosim.scenario import Column, load_scenario
 from pycosim.data.dataset import Dataset
-from pycosim.study.schema import load_study
+from pycosim.study.parse import load_study
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples" / "cosim"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fmpy.build import build_platform_binary
 
-from pycosim.cli.verbs import main
+from pycosim.cli.entry import main
 from pycosim.compile.parse import LIBRARY
 from pycosim.core.errors import ExportError
 from pycosim.export import build, fmu as fmu_module

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from pycosim.cli.verbs import main
+from pycosim.cli.entry import main
 from pycosim.core.errors import StudyError
 from pycosim.export.description import describe, values
 from pycosim.export.mujoco import to_mjcf

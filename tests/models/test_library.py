@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from pycosim.compile import Library, catalogue, component_name, places
+from pycosim.compile import catalogue, component_name, places
 from pycosim.compile.parse import LIBRARY
 from pycosim.dynamics.simulate import dynamics, estimate
 

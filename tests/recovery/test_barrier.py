@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from pycosim.fit import least_squares
-from pycosim.cli.verbs import main
+from pycosim.cli.entry import main
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
-from pycosim.study.schema import load_study
+from pycosim.study.parse import load_study
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "barrier"
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects import machine as rig
-from pycosim.cli.verbs import main
-from pycosim.study.schema import load_study, write_study
+from pycosim.cli.entry import main
+from pycosim.study.parse import load_study
+from pycosim.study.write import write_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 

@@ -10,7 +10,7 @@ from benchmarks.hidden_effects.cases import Case, draw, same
 from pycosim.diagnosis import search
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
-from pycosim.study.schema import load_study
+from pycosim.study.parse import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 

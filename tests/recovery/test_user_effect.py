@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.hidden_effects import machine as rig
-from pycosim.cli.verbs import main
-from pycosim.study.schema import load_study, write_study
+from pycosim.cli.entry import main
+from pycosim.study.parse import load_study
+from pycosim.study.write import write_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 DRAG = '''model QuadraticDrag "Friction that grows with the square of the speed, as in churned oil"

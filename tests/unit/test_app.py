@@ -4,20 +4,21 @@ import socket
 
 import pytest
 
+from pycosim.report.folder import Folder
+
 from pycosim.cli import demo
-from pycosim.report import results
 from pycosim.app.mapping import suggest
 from pycosim.app.workbench import Given, Workbench
-from pycosim.cli.verbs import main
+from pycosim.cli.entry import main
 from pycosim.compile import Library, compile_model
 from pycosim.core.errors import PycosimError
-from pycosim.study.schema import load_study
+from pycosim.study.parse import load_study
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     folder = tmp_path_factory.mktemp("app") / "hidden"
-    with results.Folder(folder, "demo") as made:
+    with Folder(folder, "demo") as made:
         demo._make(Library(), made, speeds=(0.4, 1.6), longest=2.0)
     return folder / "study.toml"
 

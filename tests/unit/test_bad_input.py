@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.hidden_effects.machine import PAPER, measure, six_manoeuvres
-from pycosim.cli.verbs import main
+from pycosim.cli.entry import main
 
 STUDY = (Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml").read_text()
 

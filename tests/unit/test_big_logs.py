@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.hidden_effects import machine as rig
 from pycosim.data import readers
-from pycosim.cli.verbs import main
+from pycosim.cli.entry import main
 from pycosim.core.errors import DataError
 from pycosim.data.logs import read_log
 from pycosim.data.readers import parquet

@@ -16,11 +16,14 @@ import pytest
 
 from benchmarks.hidden_effects.machine import PAPER, Effect, measure, six_manoeuvres, write_csv
 from pycosim.cli import verbs
+from pycosim.cli import parser
 from pycosim.fit import nullspace
-from pycosim.report import results
-from pycosim.cli.verbs import main
+from pycosim.report import folder as folders
+from pycosim.report.folder import Folder
+from pycosim.report import records
+from pycosim.cli.entry import main
 from pycosim.compile import Library
-from pycosim.study.schema import load_study
+from pycosim.study.parse import load_study
 
 ROOT = Path(__file__).parents[2]
 STUDY = ROOT / "examples" / "hip_knee" / "study.toml"
@@ -189,7 +192,7 @@ def test_new_takes_logs(log, here):
 
 
 def test_help_is_quick_and_every_verb_has_an_example(capsys):
-    for verb in verbs.VERBS:
+    for verb in parser.VERBS:
         run(verb, "--help")
         assert f"example:\n  pycosim {verb}" in capsys.readouterr().out
     heavy = ("import sys, pycosim.cli; pycosim.cli.main(['--help']); "
@@ -300,7 +303,7 @@ def test_the_held_out_run_is_the_one_the_study_names(log, here):
 
 def test_results_of_the_same_verb_are_replaced_whole_and_others_stay(here):
     def write(verb, *names):
-        with results.Folder("out", verb) as folder:
+        with Folder("out", verb) as folder:
             for name in names:
                 folder.write(name, {"by": verb})
     write("identify", "parameters.json", "old.json")
@@ -313,12 +316,12 @@ def test_results_of_the_same_verb_are_replaced_whole_and_others_stay(here):
 
 
 def test_a_failure_leaves_earlier_results_as_they_were(here):
-    with results.Folder("out", "identify") as folder:
+    with Folder("out", "identify") as folder:
         folder.write("parameters.json", {"a": 1})
-    with pytest.raises(RuntimeError), results.Folder("out", "identify") as folder:
+    with pytest.raises(RuntimeError), Folder("out", "identify") as folder:
         folder.write("parameters.json", {"a": 2})
         raise RuntimeError
-    with pytest.raises(RuntimeError), results.Folder("not/there", "identify") as folder:
+    with pytest.raises(RuntimeError), Folder("not/there", "identify") as folder:
         raise RuntimeError
     assert read("out/parameters.json") == {"a": 1} and [p.name for p in here.iterdir()] == ["out"]
 
@@ -349,11 +352,11 @@ def test_an_interrupt_between_the_renames_comes_too_late(here, monkeypatch):
         return rename(*names)
     rename = os.replace
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job is started without
-    with results.Folder("out", "identify") as folder:
+    with Folder("out", "identify") as folder:
         folder.write("parameters.json", {"a": 1})
-    with results.Folder("out", "identify") as folder:
+    with Folder("out", "identify") as folder:
         folder.write("parameters.json", {"a": 2})
-        monkeypatch.setattr(results.os, "replace", interrupted)
+        monkeypatch.setattr(folders.os, "replace", interrupted)
     assert read("out/parameters.json") == {"a": 2} and [p.name for p in here.iterdir()] == ["out"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
@@ -371,7 +374,7 @@ def test_the_given_study_is_never_replaced(log, here, capsys):
 
 
 def test_json_has_neither_nan_nor_infinity():
-    assert results.plain({"a": np.float64("nan"), "b": [np.inf, np.int64(3)], "c": np.array([1.0, -np.inf])}) == {
+    assert records.plain({"a": np.float64("nan"), "b": [np.inf, np.int64(3)], "c": np.array([1.0, -np.inf])}) == {
         "a": None, "b": [None, 3], "c": [1.0, None]}
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from pycosim.cli import demo
-from pycosim.report import results
-from pycosim.cli.verbs import VERBS
+from pycosim.report.folder import Folder
+from pycosim.cli.parser import VERBS
 from pycosim.compile import Library, catalogue
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +25,7 @@ EXAMPLES = [(page, k, code) for page in PAGES
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     """Folder with a short study, as the demo makes it."""
-    with results.Folder(tmp_path_factory.mktemp("docs") / "study", "demo") as folder:
+    with Folder(tmp_path_factory.mktemp("docs") / "study", "demo") as folder:
         demo._make(Library(), folder, speeds=(0.4, 1.6), longest=2.0)
     return folder.path
 

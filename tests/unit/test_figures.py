@@ -7,15 +7,17 @@ import pytest
 
 from pycosim.cli import demo
 from pycosim.fit import least_squares
-from pycosim.report import results
+from pycosim.report.folder import Folder
+from pycosim.report import records
+from pycosim.report import sentences
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis.dependence import noise_floor
-from pycosim.diagnosis.diagnose import Finding, diagnose
+from pycosim.diagnosis.decide import Finding, diagnose
 from pycosim.diagnosis.search import Improvement, step_of
 from pycosim.report import charts, figures
 from pycosim.report.values import PIXELS, envelope
-from pycosim.study.schema import load_study
+from pycosim.study.parse import load_study
 
 SHORT = {"speeds": (0.4, 1.6), "longest": 2.0}
 
@@ -24,7 +26,7 @@ SHORT = {"speeds": (0.4, 1.6), "longest": 2.0}
 def dataset(tmp_path_factory):
     """A short log of the demo's machine."""
     library = Library()
-    with results.Folder(tmp_path_factory.mktemp("figures") / "study", "demo") as folder:
+    with Folder(tmp_path_factory.mktemp("figures") / "study", "demo") as folder:
         demo._make(library, folder, **SHORT)
     return Dataset(load_study(folder.path / "study.toml"), library)
 
@@ -48,7 +50,7 @@ def _all(dataset, improvement):
         "manoeuvres": figures.manoeuvres(dataset), "over_time": figures.over_time(dataset, *base, last),
         "where_it_fails": figures.where_it_fails(dataset, *base), "residuals": figures.residuals(dataset, *base),
         "signature": figures.signature(dataset, base, last, improvement.steps[1].added),
-        "maps": figures.maps(dataset, *base), "intervals": figures.intervals(results.parameters(*reversed(last), 0)),
+        "maps": figures.maps(dataset, *base), "intervals": figures.intervals(records.parameters(*reversed(last), 0)),
         "ladder": figures.ladder(improvement, dataset), "candidates": figures.candidates(improvement.first)}
 
 
@@ -141,11 +143,11 @@ def test_where_every_run_is_one_sample_no_noise_floor_is_drawn_or_told(tmp_path)
     means = Dataset(load_study(tmp_path / "study.toml"), Library())
     fit = least_squares.fit(means, means.base)
     floor = noise_floor(means, means.base, fit)
-    assert np.isnan(floor["tau"]) and results.errors_text(floor) == "unknown"
+    assert np.isnan(floor["tau"]) and sentences.errors_text(floor) == "unknown"
     figures.write_comparison(tmp_path, means, means.base, fit)
     bars = figures.where_it_fails(means, means.base, fit)
     assert [t.get_text() for t in bars.axes[0].get_xticklabels()] == ["screw\nbackward", "screw\nforward"]
-    assert not bars.axes[0].get_lines() and "means held out" in results.summary_data(means)[0]
+    assert not bars.axes[0].get_lines() and "means held out" in sentences.summary_data(means)[0]
 
 
 def test_the_two_main_colours_differ_in_grey():

@@ -11,7 +11,8 @@ import pytest
 from scipy.io import savemat
 
 from pycosim.core.errors import DataError
-from pycosim.data.logs import default_window, derivatives, load, read_log, require, resolution
+from pycosim.data.derivatives import default_window, derivatives, resolution
+from pycosim.data.logs import load, read_log, require
 from pycosim.study.schema import Column, Study
 
 DATA = Path(__file__).parents[2] / "../shared/data"

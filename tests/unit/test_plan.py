@@ -10,13 +10,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pycosim.cli import verbs
+from pycosim.cli import main
 from pycosim.compile import Library
 from pycosim.core.errors import PlanError
-from pycosim.design.optimiser import ROOM, Optimiser, known, make_plan, motion_of, prior_of, separations
+from pycosim.design.optimiser import Optimiser, prior_of
+from pycosim.design.plan import known, make_plan, motion_of, separations
 from pycosim.design.information import ChannelNoise
 from pycosim.design.motion import REST, TRANSFER, Stroke, assemble, ordered, profile
-from pycosim.study.schema import Setting, Study, load_study
+from pycosim.study.schema import Setting, Study
+from pycosim.study.parse import load_study
 from pycosim.control.trajectories import from_file
 
 STUDY = "examples/hip_knee/study.toml"
@@ -184,7 +186,7 @@ def test_the_same_physics_at_two_names_stays_alike_and_is_said_so():
 
 
 def run(capsys, *argv):
-    code = verbs.main([str(a) for a in argv])
+    code = main.main([str(a) for a in argv])
     return code, capsys.readouterr()
 
 

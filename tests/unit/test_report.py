@@ -13,21 +13,21 @@ import pytest
 
 from pycosim.cli import demo
 from pycosim.fit import least_squares
-from pycosim.report import results
+from pycosim.report.folder import Folder
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
-from pycosim.diagnosis.diagnose import diagnose
+from pycosim.diagnosis.decide import diagnose
 from pycosim.diagnosis.search import Improvement, step_of
 from pycosim.report import charts, values
 from pycosim.report.page import SECTIONS, Page, write_numbers, write_report
-from pycosim.study.schema import load_study
+from pycosim.study.parse import load_study
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     """A short log of the demo's machine, its search, and the page."""
     library = Library()
-    with results.Folder(tmp_path_factory.mktemp("report") / "study", "demo") as folder:
+    with Folder(tmp_path_factory.mktemp("report") / "study", "demo") as folder:
         demo._make(library, folder, speeds=(0.4, 1.6), longest=2.0)
     dataset = Dataset(load_study(folder.path / "study.toml"), library)
     base = least_squares.fit(dataset, dataset.base)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pycosim.cli.verbs import VERBS
+from pycosim.cli.parser import VERBS
 from pycosim.compile import Library, catalogue
 
 ROOT = Path(__file__).parents[2]

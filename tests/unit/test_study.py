@@ -6,7 +6,9 @@ import pytest
 
 from pycosim.compile.parse import Library
 from pycosim.core.errors import BoundsError, StudyError, UnknownNameError
-from pycosim.study.schema import Column, Setting, load_study, write_study
+from pycosim.study.schema import Column, Setting
+from pycosim.study.parse import load_study
+from pycosim.study.write import write_study
 
 RIG = '[rig]\nmodel = "DriveTrain.Rigs.HipKnee"\n'
 FULL = RIG + """

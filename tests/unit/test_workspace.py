@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from pycosim.compile import Library, compile_model
 from pycosim.core.errors import PlanError, StudyError, UnknownNameError
-from pycosim.study.schema import load_study, write_study
+from pycosim.study.parse import load_study
+from pycosim.study.write import write_study
 from pycosim.design.workspace import Kinematics, Limits, Workspace, kinematics, limits_of, read_limits
 
 STUDY = "examples/hip_knee/study.toml"

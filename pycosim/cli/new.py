@@ -1,0 +1,169 @@
+"""A rig's name or a Modelica file in; a commented study to start from out."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+from ..core.errors import UnknownNameError, closest
+
+
+# --- new and demo ---------------------------------------------------------------------------------------------------
+
+
+def new(arguments):
+    """Write a commented study for a rig; returns its path."""
+    from ..compile import Library
+    from ..report.folder import FolderError
+    from ..study.parse import load_study
+    own = [arguments.rig] if arguments.rig.endswith(".mo") else []
+    library = Library(own)
+    rig = own_rig(library, arguments.rig) if own else find_rig(library, arguments.rig)
+    folder = Path(arguments.out or ".")
+    path = folder / f"{rig.rsplit('.', 1)[-1]}.toml"
+    if os.path.lexists(path):
+        raise FolderError(f"{path}: exists already, and is not overwritten; move it, or name a folder with --out DIR")
+    for file in arguments.data or []:
+        if not Path(file).is_file():
+            raise UnknownNameError(f"no log {file}")
+    runs, own = ([os.path.relpath(f, folder) for f in files] for files in (arguments.data or [], own))
+    text = "\n".join(template(library, rig, runs, own)) + "\n"
+    made = []
+    temporary = folder / f".{path.name}.{os.getpid()}"
+    try:
+        for parent in [*reversed(folder.absolute().parents), folder.absolute()]:
+            if not parent.is_dir():
+                parent.mkdir()
+                made.insert(0, parent)
+        temporary.write_text(text, encoding="utf-8")
+        load_study(temporary).validate(library)
+        os.replace(temporary, path)
+    except BaseException as error:
+        temporary.unlink(missing_ok=True) if folder.is_dir() else None
+        for parent in made:
+            parent.rmdir()
+        if isinstance(error, OSError):
+            raise FolderError(f"{path}: cannot be written ({error.strerror}); name a folder with --out DIR") from None
+        raise
+    return path
+
+
+def find_rig(library, name):
+    """Full name of a rig, from its full or its short name.
+
+    Parameters
+    ----------
+    library : Library
+    name : str
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    UnknownNameError
+    """
+    from ..study.template import rigs
+    known = rigs(library)
+    if name in known or name in known.values():
+        return known.get(name, name)
+    raise UnknownNameError(f"no rig '{name}'{closest(name.rsplit('.', 1)[-1], known)}")
+
+
+def own_rig(library, file):
+    """The class of a user's file that answers what a fit asks.
+
+    Parameters
+    ----------
+    library : Library
+        With the file.
+    file : str
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    UnknownNameError
+        None, or several.
+    """
+    from ..compile.effects import annotation
+    found = [n for n in library.walk() if not n.startswith("DriveTrain.") and "estimate" in annotation(library, n)]
+    if len(found) == 1:
+        return found[0]
+    what = f"the rigs {', '.join(found)}; keep one in a file" if found else (
+        'no rig: no class with annotation(__pycosim(estimate="what is measured from what is known"))')
+    raise UnknownNameError(f"{file} holds {what}")
+
+
+def template(library, rig, runs, modelica=()):
+    """Lines of a commented study for a rig.
+
+    Parameters
+    ----------
+    library : Library
+    rig : str
+        Full name.
+    runs : list of str
+        Logs, relative to the study.
+    modelica : sequence of str
+        Modelica files of the user, relative to the study.
+
+    Yields
+    ------
+    str
+    """
+    from ..compile import catalogue, compile_model, places
+    from ..study.template import first_parameters
+    from ..study.schema import MOST
+    from ..study.write import to_toml
+    model = compile_model(library, rig)
+    wanted, known = model.alternatives("estimate")[0]
+    question = model.question("estimate")
+    yield f"# {library.find(rig).comment.strip(chr(34))}" if library.find(rig).comment else f"# {rig}"
+    yield f"# Next: pycosim improve {rig.rsplit('.', 1)[-1]}.toml{'' if runs else ' --data my_log.csv'}"
+    yield f"\n[rig]\nmodel = {to_toml(rig)}"
+    if modelica:
+        yield f"modelica = {to_toml(list(modelica))}"
+    yield "\n[parameters]                 # SI units; fixed = false is fitted, the others are the rig's defaults"
+    open_ones = first_parameters(model, question)
+    for name in [*open_ones, *sorted(set(question.parameters) - set(open_ones))]:
+        p = model.parameters[name]
+        fixed = name not in open_ones
+        bounds = "".join(f", {k} = {to_toml(v)}" for k, v in (("min", p.min), ("max", p.max)) if abs(v) != float("inf"))
+        line = f"{to_toml(name)} = {{ value = {to_toml(p.value)}{bounds}, fixed = {to_toml(fixed)} }}"
+        yield f"{'# ' if fixed else ''}{line}  # {p.unit}; {p.description or name}"
+    yield "\n[data]"
+    yield f"runs = {to_toml(runs)}                    # logs; or --data FILE..."
+    yield "held_out = []                # logs kept for the test"
+    yield 'reference = "unknown"        # of the joint torques: "sensor", "gravity_model" (computed), "unknown"'
+    yield '# drop_outs = "skip"         # leave rows with missing numbers out, rather than refuse the log'
+    yield f"# most = {MOST:_}            # a log with more rows is read as means of consecutive ones"
+    yield "\n[columns]                    # left: the column in your log, right: what it is, and its unit there"
+    speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.variables]
+    for name, role in [*((n, "needed") for n in known), *((n, "optional; else derived from the angle") for n in speeds),
+                       *((n, "what the model is compared with") for n in wanted)]:
+        v = model.variables[name]
+        yield (f"{to_toml(name)} = {{ variable = {to_toml(name)}, unit = {to_toml(v.unit)} }}"
+               f"  # {v.description or name}; {role}")
+    for line in _other_columns(known):
+        yield f"# {line}"
+    yield "\n# Effects, to be added by hand or found by 'pycosim improve':"
+    yield '# [[effects]]\n# effect = "viscous"\n# place = ".."'
+    for effect in catalogue(library).values():
+        found = [p.name for p in places(library, rig, effect)]
+        if found:
+            yield f"#   {effect.id}: {effect.description}; at {', '.join(found)}"
+
+
+def _other_columns(known):
+    """Lines for what a log may hold otherwise."""
+    torque = next((n for n in known if n.endswith(".tau")), None)
+    if torque:
+        yield (f'"current" = {{ variable = {json.dumps(torque)}, unit = "A", k_m = 0.1 }}'
+               "  # instead of a torque; k_m [N.m/A]")
+    yield '"time" = { variable = "time", unit = "ms" }  # when the time is not in s'
+    yield '"temperature" = { variable = "temperature", unit = "degC" }  # optional'

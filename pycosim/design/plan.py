@@ -1,0 +1,476 @@
+"""A study, its limits and what was measured already in; the next experiment, and the gain it predicts, out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..compile import catalogue, compile_model, component_name, find_effect, find_place
+from ..core.errors import PlanError, closest
+from .information import Block, ChannelNoise, StrokeInformation
+from .motion import assemble, ordered
+from .optimiser import Asked, DWELL, Design, MEMORY, Optimiser, ROOM, TRAVEL, asked, noise_of, prior_of
+from .prediction import expected, predicted_fit, signals_of
+from .workspace import Workspace, kinematics, limits_of
+from ..diagnosis.decide import nudged, diagnose
+from ..fit import least_squares
+
+ASSUMED = 0.01  # noise over the range of a channel, where nothing was measured
+ALIKE = 0.1  # squares of the noise below which rivals are one and the same
+SEPARATE = 10.8  # squares of the noise by which rivals must differ: the better one is the true one in 99.9 %
+
+
+# --- from strokes to a motion ---------------------------------------------------------------------------------------
+
+
+def motion_of(design, workspace, budget, dwell, rate):
+    """Whole cycles of every stroke within the budget, joined to one motion.
+
+    Parameters
+    ----------
+    design : Design
+    workspace : Workspace
+    budget : float
+        [s]
+    dwell : float
+        [s]
+    rate : float
+        Samples a second.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    PlanError
+        Two cycles of every stroke take longer than the budget.
+    """
+    limits = workspace.limits
+    period = np.array([2 * (s.travel + s.ramp + dwell) for s in design.strokes])
+    cycles = np.maximum(2, np.round(design.seconds / period)).astype(int)
+
+    fast = ROOM * limits.speed, ROOM * limits.acceleration
+    order = ordered(design.strokes, *fast)
+    number = {s.name: k for k, s in enumerate(design.strokes)}
+
+    def joined():
+        strokes = [replace(s, cycles=int(cycles[number[s.name]])) for s in order]
+        return assemble(strokes, *fast, dwell, rate)
+
+    ways = joined().duration + 1.0 / rate - float(cycles @ period)  # the same for any number of cycles
+    while ways + cycles @ period > budget:
+        over = np.flatnonzero(cycles > 2)
+        if not len(over):
+            raise PlanError(f"a budget of {budget:g} s is too short: two cycles in every zone at every speed take "
+                            f"{ways + cycles @ period:.0f} s")
+        cycles[over[np.argmax((cycles * period / design.seconds)[over])]] -= 1
+    while (fits := np.flatnonzero(ways + cycles @ period + period <= budget)).size:
+        cycles[fits[np.argmax((design.seconds / (cycles * period))[fits])]] += 1
+    return joined()
+
+
+# --- what is to be learnt -------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Known:
+    """What is known before the experiment.
+
+    Attributes
+    ----------
+    study : Study
+    library : Library
+    model : Model
+        With the study's effects.
+    dataset : Dataset or None
+    fit : Fit or None
+    asked : Asked
+    free : list of str
+    values : dict of str to float
+    prior : ndarray, shape (p, p)
+        Inverse covariance of the free parameters.
+    noise : list of ChannelNoise
+    workspace : Workspace
+    assumed : bool
+        Whether the noise is a guess.
+    """
+
+    study: object
+    library: object
+    model: object
+    dataset: object
+    fit: object
+    asked: Asked
+    free: list
+    values: dict
+    prior: np.ndarray
+    noise: list
+    workspace: Workspace
+    assumed: bool
+
+
+def known(study, library, model, dataset=None, fit=None):
+    """Gather what is known of a rig before the next experiment.
+
+    Parameters
+    ----------
+    study : Study
+    library : Library
+    model : Model
+    dataset : Dataset, optional
+        What was measured already.
+    fit : Fit, optional
+        Of the model to it.
+
+    Returns
+    -------
+    Known
+    """
+    kin = kinematics(model)
+    workspace = Workspace(kin, limits_of(study, model, kin))
+    info = asked(study, model, dataset)
+    if fit is not None:
+        return Known(study, library, model, dataset, fit, info, fit.free, fit.parameters, prior_of(fit),
+                     noise_of(fit, info), workspace, False)
+    variables = {n: replace(v, **{k: getattr(study.parameters[n], k) for k in ("value", "min", "max")
+                                  if getattr(study.parameters[n], k) is not None}) if n in study.parameters else v
+                 for n, v in model.parameters.items()}
+    values = {n: v.value for n, v in variables.items()}
+    free = [n for n, s in study.parameters.items() if s.fixed is False and n in model.parameters]
+    found = Known(study, library, model, None, None, info, free, values, prior_of(None, free, variables), [],
+                  workspace, True)
+    found.noise = _assumed_noise(found)
+    return found
+
+
+def _assumed_noise(k):
+    """A noise of one part in a hundred of what the channels range over, for a rig that nothing was measured of."""
+    from .motion import Motion
+    kin, corners = k.workspace.kinematics, k.workspace.vertices.T
+    directions = [z.direction for z in k.workspace.zones]
+    angle = np.hstack([corners] * len(directions))
+    speed = np.repeat(np.array(directions).T, corners.shape[1], axis=1)
+    motion = Motion(np.arange(angle.shape[1], dtype=float), angle, speed, 0 * speed, None)
+    signals = signals_of(k.asked, kin, k.model, k.values, motion)
+    ranges = [float(np.ptp(signals[c])) if c in signals else 1.0 for c in k.asked.outputs]
+    return [ChannelNoise(ASSUMED * max(r, 1e-9), 0.4 * ASSUMED * max(r, 1e-9), MEMORY) for r in ranges]
+
+
+def twins_of(k, pairs=None, progress=None):
+    """Blocks that separate rivals: each in turn is the truth that the other bends to.
+
+    Parameters
+    ----------
+    k : Known
+    pairs : list of tuple, optional
+        Pairs of (effect, place); those that the diagnosis cannot separate by default.
+    progress : callable, optional
+
+    Returns
+    -------
+    list of Block
+
+    Raises
+    ------
+    PlanError
+        There is no data to diagnose, or nothing to separate.
+    """
+    if k.dataset is None:
+        raise PlanError(f"{k.study.path}: twins are found in data; give a log with --data, or --goal parameters")
+    found = diagnose(k.dataset, k.model, k.fit, k.study.seed, progress)
+    if pairs is None:
+        best = found.winner
+        pairs = [(best.key, (t["effect"], t["place"])) for t in best.twins] if best else []
+    if not pairs:
+        raise PlanError(f"{k.study.path}: the diagnosis of these data leaves no twins to separate; use --goal "
+                        "parameters or --goal detect")
+    findings = {f.key: f for f in found.candidates}
+    fitted = {}
+    for key in dict.fromkeys(key for pair in pairs for key in pair):
+        if key not in findings:
+            names = [f"{e}@{p}" for e, p in findings]
+            raise PlanError(f"{'@'.join(key)} is no candidate on these data{closest('@'.join(key), names)}")
+        larger = compile_model(k.library, k.study.rig, [*k.study.effects, key])
+        start = nudged({**k.fit.parameters, **findings[key].start}, larger, findings[key])
+        fitted[key] = larger, least_squares.fit(k.dataset, larger, start)
+    return rivals(pairs, fitted)
+
+
+def rivals(pairs, fitted):
+    """Blocks of pairs of fitted rivals.
+
+    Parameters
+    ----------
+    pairs : list of (key, key)
+    fitted : dict of key to (Model, Fit)
+
+    Returns
+    -------
+    list of Block
+    """
+    found = []
+    for a, b in pairs:
+        for true, other in ((a, b), (b, a)):
+            (model, fit), (rival, rival_fit) = fitted[true], fitted[other]
+            values = {**{n: v.value for n, v in rival.parameters.items()}, **rival_fit.parameters}
+            machine = {**{n: v.value for n, v in model.parameters.items()}, **fit.parameters}
+            low, high = (np.array([getattr(rival_fit.variables[n], end) for n in rival_fit.free])
+                         for end in ("min", "max"))
+            found.append(Block(rival, rival_fit.free, values, prior_of(rival_fit), (model, machine),
+                               ("@".join(true), "@".join(other)),
+                               room=(low - rival_fit.values, high - rival_fit.values)))
+    return found
+
+
+def hidden_of(k, wanted):
+    """Blocks that make effects visible: each at the nominal size of its coefficients.
+
+    Parameters
+    ----------
+    k : Known
+    wanted : list of (effect, place)
+
+    Returns
+    -------
+    list of Block
+    """
+    found = []
+    for name, place in wanted:
+        effect = find_effect(k.library, name)
+        larger = compile_model(k.library, k.study.rig, [*k.study.effects, (name, place)])
+        base = component_name(effect, find_place(k.library, k.study.rig, effect, place))
+        values = {**{n: v.value for n, v in larger.parameters.items()}, **k.values}
+        sized = dict(values)
+        for c in dict.fromkeys((*effect.size, *effect.scan)):
+            v = larger.parameters[f"{base}.{c}"]
+            sized[v.name] = v.value + (v.nominal if v.value + v.nominal <= v.max else -v.nominal)
+        found.append(Block(larger, k.free, values, k.prior, (larger, sized), (f"{name}@{place}", "nothing")))
+    return found
+
+
+def hidden_effects(k):
+    """Effects that an experiment with motors alone could show, at single places.
+
+    Parameters
+    ----------
+    k : Known
+
+    Returns
+    -------
+    list of (str, str)
+    """
+    from ..compile.contribution import effect_question
+    from ..compile import places
+    found = []
+    for effect in catalogue(k.library).values():
+        simple = not (effect.channel or effect.measured or effect_question(k.library, effect).states)
+        simple = simple and not any(f"{c}.{effect.replaces}" in k.free for c in k.workspace.kinematics.segments)
+        if simple and "cycles" not in effect.scan.values() and "time" not in effect.scan.values():
+            found += [(effect.id, p.name) for p in places(k.library, k.study.rig, effect)
+                      if len(p.components) == 1 and (effect.id, p.name) not in k.study.effects]
+    return found
+
+
+# --- the plan -------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Plan:
+    """The next experiment.
+
+    Attributes
+    ----------
+    goal : str
+    known : Known
+    motion : Motion
+    design : Design
+    blocks : list of Block
+    fit : Fit
+        That the identification should make of the new log alone.
+    covariance : ndarray, shape (p, p)
+        Of the parameters, old and new data together.
+    torque : ndarray, shape (motors, n) or None
+        Predicted [N.m].
+    budget, rate : float
+    """
+
+    goal: str
+    known: Known
+    motion: object
+    design: Design
+    blocks: list
+    fit: object
+    covariance: np.ndarray
+    torque: np.ndarray | None
+    budget: float
+    rate: float
+    notes: list = field(default_factory=list)
+
+
+def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, criterion="intervals", progress=None,
+              patience=40.0):
+    """Plan the next experiment.
+
+    Parameters
+    ----------
+    k : Known
+    goal : str
+        ``parameters``, ``twins`` or ``detect``.
+    budget : float
+        Longest duration [s].
+    rate : float
+        Samples a second.
+    blocks : list of Block, optional
+        What is to be learnt; from the goal by default.
+    criterion : str
+        For parameters: ``D``, ``E``, or ``intervals``, their geometric mean.
+    progress : callable, optional
+        Called with a sentence before each stage.
+    patience : float
+        Time for the optimiser [s].
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    PlanError
+        The limits leave no experiment, or nothing can be learnt.
+    """
+    say = progress or (lambda text: None)
+    if not 0 < budget <= 1e5:
+        raise PlanError(f"--budget {budget:g} s must be above zero, and not above 100000")
+    if not 5 <= rate <= 1e5:
+        raise PlanError(f"--rate {rate:g} Hz is outside 5 to 100000 Hz")
+    if blocks is None:
+        blocks = _blocks(k, goal, say)
+    say("setting the experiment up")
+    info = StrokeInformation(k.asked, k.workspace.kinematics, blocks, (k.model, k.values), k.noise, DWELL, 1 / rate)
+    for travel in TRAVEL:
+        optimiser = Optimiser(k.workspace, info, blocks, budget, k.asked.w_min, DWELL, criterion, travel)
+        design = optimiser.solve(np.random.default_rng(k.study.seed), patience, say)
+        try:
+            motion = motion_of(design, k.workspace, budget, DWELL, rate)
+            break
+        except PlanError:
+            if travel == TRAVEL[-1]:
+                raise
+    torque = _checked(k, motion)
+    say("predicting the intervals")
+    measured = [] if k.dataset is None else list(k.dataset.measured)
+    log = expected(k.study, k.library, k.asked, k.workspace.kinematics, k.model, k.values, motion, measured)
+    fit = predicted_fit(log, k.model, k.free, k.values, k.noise, "fit", k.study.seed)
+    covariance = np.linalg.inv(k.prior + prior_of(fit)) if k.free else fit.covariance
+    return Plan(goal, k, motion, design, blocks, fit, covariance, torque, budget, rate)
+
+
+def _blocks(k, goal, say):
+    if goal == "twins":
+        return twins_of(k, None, say)
+    if goal == "detect":
+        return hidden_of(k, hidden_effects(k))
+    if not k.free:
+        raise PlanError(f"{k.study.path}: no parameter is free, so there is nothing to learn; write fixed = false at "
+                        "those to identify")
+    return [Block(k.model, k.free, k.values, k.prior, rows=determined(k.fit) if k.fit is not None else None)]
+
+
+def determined(fit):
+    """Combinations of the parameters that a fit determines: each by itself, or what is left of a null direction.
+
+    Parameters
+    ----------
+    fit : Fit
+
+    Returns
+    -------
+    ndarray, shape (k, p)
+        Of parameters over their nominal values.
+    """
+    p, nominal = len(fit.free), np.array([fit.variables[n].nominal for n in fit.free])
+    if not len(fit.null_directions):
+        return np.eye(p)
+    _, size, null = np.linalg.svd(fit.null_directions / nominal, full_matrices=False)
+    null = null[size > 1e-9 * size[0]]
+    open_ones = [not fit.identifiable(n) for n in fit.free]
+    alone = np.eye(p)[np.invert(open_ones)]
+    inside = np.eye(p)[open_ones]
+    values, vectors = np.linalg.eigh(inside @ (np.eye(p) - null.T @ null) @ inside.T)
+    return np.vstack([alone, vectors[:, values > 0.5].T @ inside])
+
+
+def _checked(k, motion):
+    """Torques of the finished motion; every limit is looked at once more, sample by sample.
+
+    Raises
+    ------
+    PlanError
+        With the limit that does not hold.
+    """
+    limits, kin = k.workspace.limits, k.workspace.kinematics
+    signals = signals_of(k.asked, kin, k.model, k.values, motion)
+    torque = np.array([signals[f"{m}.tau"] for m in kin.motors]) if f"{kin.motors[0]}.tau" in signals else None
+    if k.workspace.margin(motion.angle).min() < 0:
+        raise PlanError("the motion would meet a stop; the limits of the angles leave too little room")
+    for what, values, bound, unit in (("w", motion.speed, limits.speed, "rad/s"),
+                                      ("a", motion.acceleration, limits.acceleration, "rad/s2"),
+                                      ("tau", torque, limits.torque, "N.m")):
+        if values is None:
+            continue
+        over = np.abs(values).max(axis=1) - bound
+        if over.max() > 1e-9 * bound.min():
+            motor = kin.motors[int(np.argmax(over))]
+            raise PlanError(f"the limit of '{motor}.{what}', {bound[int(np.argmax(over))]:g} {unit}, does not hold on "
+                            f"the ways between strokes ({np.abs(values).max():.3g} {unit}); widen it, or tighten the "
+                            "angles to where less is needed")
+    return torque
+
+
+def table(plan):
+    """The planned motion as a table: what a scenario's trajectory and a drive read.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        ``time``, angle and speed of every motor by variable, and ``manoeuvre``.
+    """
+    motors, motion = plan.known.workspace.kinematics.motors, plan.motion
+    found = {"time": motion.time}
+    found.update({f"{m}.phi": motion.angle[k] for k, m in enumerate(motors)})
+    found.update({f"{m}.w": motion.speed[k] for k, m in enumerate(motors)})
+    return {**found, "manoeuvre": motion.label}
+
+
+def separations(plan):
+    """By how much rivals should differ after the experiment, and whether that names the right one.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Returns
+    -------
+    list of dict
+        ``true``, ``other``, ``difference`` (in standard deviations of the noise), ``share`` of the difference that the
+        other cannot bend to, ``separable``, and the ``time`` that would separate them, as squares grow with it [s].
+    """
+    found = []
+    for block, gram in zip(plan.blocks, plan.design.grams):
+        if block.other is None:
+            continue
+        whole, free = gram[-1, -1], np.full(len(gram) - 1, np.inf)
+        bent, _ = least_squares.bounded(gram[:-1, :-1], gram[:-1, -1], *(block.room or (-free, free)))
+        left = max(float(whole - bent), 0.0)
+        true, other = block.name
+        found.append({"true": true, "other": other, "difference": math.sqrt(left),
+                      "share": math.sqrt(left / whole) if whole > 0 else 0.0, "separable": left > SEPARATE,
+                      "time": plan.budget * SEPARATE / left if left > ALIKE else None})
+    return found

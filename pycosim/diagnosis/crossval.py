@@ -1,0 +1,100 @@
+"""A fitted model in; its errors on folds that it was not fitted to, block by block, out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data.noise import contiguous
+from ..fit.least_squares import bounded
+
+LARGEST = 50e6  # bytes of derivatives that rivals are compared by: a longer log is thinned
+
+
+@dataclass
+class Selection:
+    """Errors of a refitted model on folds that it was not fitted to, block by block.
+
+    Attributes
+    ----------
+    raw : ndarray, shape (blocks,)
+        Weighted sum of squares a block.
+    white : ndarray, shape (blocks,)
+        The same of the whitened residual: sharper between rivals.
+    usual : ndarray, shape (channels, 1)
+        Noise level at which models are compared.
+    """
+
+    raw: np.ndarray
+    white: np.ndarray
+    usual: np.ndarray
+
+
+def select(dataset, model, fit, noise, usual=None):
+    """Cross-validate a fitted model over the selection folds, linearised at its optimum.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    noise : list of Noise
+        One a channel.
+    usual : ndarray, shape (channels, 1), optional
+        Noise level that rivals are compared at: that of the model without either of them.
+
+    Returns
+    -------
+    Selection
+    """
+    problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
+    thin = max(1, int(problem.n * (len(fit.free) + 1) * len(noise) * 8 / LARGEST))
+    sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
+    level = dataset.noise_level(model, fit.parameters)[:, ::thin]
+    usual = np.median(level, axis=1, keepdims=True) if usual is None else usual
+    if thin > 1:
+        problem, sloped = problem.thin(thin), sloped.thin(thin)
+    residual = problem.residual(fit.values) * usual / level
+    slope = np.concatenate([j for _, _, j in sloped.blocks(fit.values)], axis=2) * (usual / level)[:, None, :]
+    blocks, index = np.unique(problem.block, return_inverse=True)
+    size = len(fit.free) + 1
+    raw, white = np.zeros((len(blocks), size, size)), np.zeros((len(blocks), size, size))
+    chain, pieces = problem.chain, contiguous(problem.time, problem.group)
+    for c, w in enumerate(fit.weights):
+        rows = np.concatenate([slope[c], residual[c][None]])
+        for found, values in ((raw, w * rows), (white, noise[c].whiten(rows, chain))):
+            for s in pieces:
+                found[index[s.start]] += values[:, s] @ values[:, s].T
+    low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
+    high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
+    fold = dataset.fold[blocks]
+    return Selection(*(_cross_validate(g, fold, low, high) for g in (raw, white)), usual)
+
+
+def _cross_validate(gram, fold, low, high):
+    error = np.zeros(len(gram))
+    whole = gram.sum(0)
+    for f in np.unique(fold):
+        inside = fold == f
+        rest = whole - gram[inside].sum(0)
+        _, x = bounded(rest[:-1, :-1], rest[:-1, -1], low, high)
+        y = np.r_[-x, 1.0]
+        error[inside] = np.einsum("i,bij,j->b", y, gram[inside], y)
+    return error
+
+
+def difference(a, b):
+    """Sum of the differences of two block-wise errors, and its standard error.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (blocks,)
+
+    Returns
+    -------
+    total, stderr : float
+        The second is infinite for a single block.
+    """
+    d = a - b
+    return float(d.sum()), float(np.sqrt(len(d) * d.var(ddof=1))) if len(d) > 1 else float("inf")

@@ -1,0 +1,277 @@
+"""A fitted model and its data in; which effect is missing, where, how sure, or nothing, or nothing known, out.
+
+The best few candidates are refitted; the first is accepted when it is significant and lowers the error on folds that
+it was not fitted to by more than the standard error of that fall, and by most of what a free function of one variable
+would.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..compile import catalogue, compile_model, component_name
+from ..core.errors import PycosimError
+from .crossval import difference, select
+from .dependence import dependence, noise_floor
+from .excitation import smallest, undetectable, varied
+from .lack_of_fit import unexplained
+from .scores import LEVEL, Scores
+from .table import Table
+from ..fit import least_squares
+
+PART = 0.8  # of what a free function of one variable explains, that an accepted effect must explain
+SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
+REFITS = 10
+TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
+
+
+@dataclass
+class Finding:
+    """What the diagnosis says of one effect at one place."""
+
+    effect: str
+    place: str
+    accepted: bool = False
+    p_value: float = 1.0
+    p_value_single: float = 1.0
+    statistic: float = 0.0
+    predicted_error: dict = field(default_factory=dict)
+    held_out_error: dict | None = None
+    coefficients: dict = field(default_factory=dict)
+    twins: list = field(default_factory=list)
+    start: dict = field(default_factory=dict)
+    selection: object = None
+    fit: object = None
+
+    @property
+    def key(self):
+        """Effect and place."""
+        return self.effect, self.place
+
+
+@dataclass
+class Diagnosis:
+    """What is missing in a fitted model.
+
+    Attributes
+    ----------
+    verdict : str
+        ``missing_effect``, ``nothing_missing``, ``unexplained`` or ``not_enough_excitation``.
+    error, noise_floor : dict of str to float
+    candidates : list of Finding
+        Best first.
+    residual_depends_on : list of dict
+    undetectable : list of dict
+    noise : list of Noise
+        Of single samples, one a channel.
+    smallest : list of dict
+        Smallest size of each effect at each place that this log would have shown; see `excitation.smallest`.
+    excitation : list of dict
+        What the log varies.
+    unexplained : dict or None
+        Where a residual that no effect explains lives; see `unexplained.unexplained`.
+    """
+
+    verdict: str
+    error: dict
+    noise_floor: dict
+    candidates: list
+    residual_depends_on: list
+    undetectable: list
+    noise: list = field(default_factory=list)
+    smallest: list = field(default_factory=list)
+    excitation: list = field(default_factory=list)
+    unexplained: dict | None = None
+
+    @property
+    def winner(self):
+        """The finding that would be added, or None."""
+        return next((c for c in self.candidates if c.accepted), None)
+
+
+def diagnose(dataset, model, fit, seed=0, progress=None):
+    """Find the effect that a fitted model lacks.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    seed : int
+    progress : callable, optional
+        Called with a sentence before each stage.
+
+    Returns
+    -------
+    Diagnosis
+    """
+    say = progress or (lambda text: None)
+    say("testing every candidate effect at every place")
+    table = Table(dataset, model, fit)
+    scores = Scores(table, seed)
+    findings = _findings(table, scores)
+    base = select(dataset, model, fit, scores.single)
+    rivals = _refit_best(dataset, model, fit, scores, findings, base.usual, table, say)
+    depends, alarm = dependence(dataset, model, fit, seed)
+    shape = PART * depends[0]["strength"] if depends else 0.0
+    _decide(findings, rivals, base, {e.id: e.refines for e in catalogue(dataset.library).values()}, shape)
+    for winner in [f for f in findings if f.accepted]:
+        larger = compile_model(dataset.library, model.rig, [*((e.id, p.name) for e, p in model.attached), winner.key])
+        winner.fit = least_squares.fit(dataset, larger, winner.fit.parameters)
+        winner.coefficients = _coefficients(larger, winner.fit)
+    say("looking at what is left")
+    hidden = undetectable(table, scores)
+    verdict = _verdict(findings, alarm, hidden, dataset, model.attached)
+    floor = noise_floor(dataset, model, fit)
+    mystery = unexplained(table, depends, floor) if verdict == "unexplained" and not dataset.averaged else None
+    return Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single, smallest(scores, LEVEL),
+                     varied(table), mystery)
+
+
+def _findings(table, scores):
+    """One finding an effect and place, at its best grid point, best first."""
+    best = {}
+    for score in scores.results:
+        known = best.get(score.candidate.key)
+        if known is None or score.surprise > known.surprise:
+            best[score.candidate.key] = score
+    findings = []
+    for score in best.values():
+        candidate = score.candidate
+        penalty = 2.0 * (len(candidate.parts) + len(candidate.effect.scan))
+        finding = Finding(candidate.effect.id, candidate.place.name, statistic=score.value - penalty)
+        finding.p_value_single = float(np.exp(-score.surprise))
+        finding.p_value = scores.family(score.surprise)
+        finer = scores.refined.get(candidate.key, score)
+        finding.start = _start(finer.candidate, finer.coefficients)
+        finding.predicted_error = scores.predicted(finer.candidate, finer.coefficients)
+        findings.append(finding)
+    return sorted(findings, key=lambda f: -f.statistic)
+
+
+def _start(candidate, coefficients):
+    """Full values of an effect's coefficients at its score estimate."""
+    effect, base = candidate.effect, component_name(candidate.effect, candidate.place)
+    values = dict(candidate.grid)
+    if coefficients is None:
+        return {f"{base}.{n}": v for n, v in values.items()}
+    if candidate.extra.get("scanned"):
+        values[candidate.names[0]] = float(np.hypot(*coefficients))
+        values[candidate.extra["phase"]] = float(np.arctan2(coefficients[1], coefficients[0]))
+    else:
+        values.update({n: float(v) for n, v in zip(candidate.names, coefficients) if n not in effect.scan})
+    return {f"{base}.{n}": v for n, v in values.items()}
+
+
+def _refit_best(dataset, model, fit, scores, findings, usual, table, say):
+    """Fit the model with each of the best candidates; fills the findings and returns those that were fitted.
+
+    The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
+    are fitted as well, however low they rank.
+    """
+    def refitted(some):
+        for k, f in enumerate(some, 1):
+            say(f"refitting with {f.effect} at {f.place}, {k} of {len(some)}")
+            if _refit(dataset, model, fit, scores, f, usual, table):
+                yield f
+
+    likely = [f for f in findings if f.p_value < 10 * LEVEL]
+    fitted = list(refitted(likely[:REFITS]))
+    if fitted:
+        best = min(fitted, key=lambda f: f.selection.white.sum())
+        effects = {f.effect for f in fitted if _twins(f, best)}
+        fitted += refitted([f for f in likely[REFITS:] if f.effect in effects])
+    return fitted
+
+
+def _refit(dataset, model, fit, scores, finding, usual, table):
+    """Fit the model with one candidate; whether it could be fitted."""
+    larger = compile_model(dataset.library, model.rig, [*((e.id, p.name) for e, p in model.attached), finding.key])
+    start = {**fit.parameters, **finding.start}
+    for component in larger.attached[-1][1].components:
+        name = f"{component}.f0"
+        if name in fit.free:
+            start[name] = max(start[name], table.least_loss(component))
+        name = f"{component}.mu"
+        if name in fit.free and "mu" in table.reads(finding.effect):
+            start[name] = min(start[name], table.most_efficient(component))
+    try:
+        start = nudged(start, larger, finding)
+        finding.fit = least_squares.fit(dataset, larger, start, most=TRIAL, noise=scores.single)
+    except PycosimError:
+        return False
+    finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
+    finding.coefficients = _coefficients(larger, finding.fit)
+    return True
+
+
+def _coefficients(model, fit):
+    """Values, intervals and units of the last attached effect's coefficients."""
+    base = component_name(*model.attached[-1])
+    return {n.split(".", 1)[1]: {"value": fit.parameters[n], "ci95": fit.interval(n), "unit": model.parameters[n].unit}
+            for n in fit.free if n.startswith(base + ".")}
+
+
+def nudged(start, model, finding):
+    """A start where no coefficient is exactly neutral, so that the ones that vanish with it can move."""
+    effect, place = model.attached[-1]
+    base = component_name(effect, place)
+    for c in effect.size:
+        v, name = model.parameters[f"{base}.{c}"], f"{base}.{c}"
+        if abs(start.get(name, v.value) - v.value) < 1e-3 * v.nominal:
+            start[name] = v.value + 1e-2 * v.nominal * (1 if v.max > v.value else -1)
+    return start
+
+
+def _decide(findings, rivals, base, refines, shape):
+    """Order the refitted candidates, accept the first that earns it, and name its twins."""
+    if not rivals:
+        return
+    parameters = {f.key: len(f.fit.free) for f in rivals}
+    rivals.sort(key=lambda f: f.selection.white.sum() + 2 * parameters[f.key])
+    rest = [f for f in findings if f not in rivals]
+    findings[:] = [*rivals, *rest]
+    earned = [f for f in rivals if f.p_value < LEVEL and _earns(base, f, shape)]
+    if not earned:
+        return
+    best = earned[0]
+    twins = [f for f in rivals if f is not best and _twins(f, best)]
+    plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(f, best, 3.0)), None)
+    if plain is not None:  # a correction of an effect is not claimed where the effect itself does nearly as well
+        twins = [best, *[t for t in twins if t is not plain]]
+        best = plain
+    best.accepted = True
+    findings.remove(best)
+    findings.insert(0, best)
+    for other in twins:
+        best.twins.append({"effect": other.effect, "place": other.place})
+        other.twins.append({"effect": best.effect, "place": best.place})
+
+
+def _earns(base, finding, shape):
+    """Whether the error on unseen folds falls by more than its own standard error, and enough.
+
+    Enough is most of what a free function of one variable takes away: an effect that takes less of it has another shape
+    than what is missing, and would stand in for something unknown.
+    """
+    fall, spread = difference(base.raw, finding.selection.raw)
+    return fall > spread and fall > shape * base.raw.sum()
+
+
+def _twins(other, best, errors=SEPARATE):
+    """Whether unseen folds cannot tell two refitted candidates apart by so many standard errors."""
+    gap, spread = difference(other.selection.white, best.selection.white)
+    return gap <= errors * spread or gap < 2.0 * errors ** 2
+
+
+def _verdict(findings, alarm, hidden, dataset, attached):
+    if any(f.accepted for f in findings):
+        return "missing_effect"
+    unseen = {(h["effect"], h["place"]) for h in hidden}
+    if np.count_nonzero(~dataset.is_test) < 2 or (not attached and all(f.key in unseen for f in findings)):
+        return "not_enough_excitation"
+    if alarm or any(f.p_value < LEVEL for f in findings):
+        return "unexplained"
+    return "nothing_missing"

@@ -1,0 +1,167 @@
+"""Fits, diagnoses and selection paths in; the JSON of a verb's files out."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..compile import component_name, find_effect
+from ..fit.nullspace import null_directions, weak_directions
+from . import cards
+from ..study.schema import Setting
+
+SCHEMA = 1
+
+
+# --- JSON -----------------------------------------------------------------------------------------------------------
+
+
+def plain(value):
+    """A value as JSON knows it: NumPy's types unwrapped, NaN and infinities to None.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    dict, list, str, bool, int, float or None
+    """
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value if value is None else str(value)
+
+
+def to_json(value):
+    """JSON text of a result; never NaN or infinity.
+
+    Parameters
+    ----------
+    value : dict
+
+    Returns
+    -------
+    str
+    """
+    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def parameters(fit, model, seed):
+    """``parameters.json``.
+
+    Parameters
+    ----------
+    fit : Fit
+    model : Model
+        The model that was fitted.
+    seed : int
+
+    Returns
+    -------
+    dict
+        Beyond the contract: ``stderr``, ``fixed`` (what was not fitted) and ``weak_directions``.
+    """
+    found = {}
+    for name in fit.free:
+        found[name] = {"value": fit.parameters[name], "ci95": fit.interval(name), "unit": fit.variables[name].unit,
+                       "at_bound": fit.at_bound(name), "identifiable": fit.identifiable(name),
+                       "stderr": fit.stderr[fit.free.index(name)] if fit.identifiable(name) else None,
+                       "description": fit.variables[name].description}
+    fixed = {n: {"value": v, "unit": fit.variables[n].unit} for n, v in fit.parameters.items()
+             if n not in fit.free and n in fit.variables}
+    owners = {component_name(e, p): p.components[0] for e, p in model.attached if len(p.components) == 1}
+    return plain({"schema": SCHEMA, "parameters": found, "null_directions": null_directions(fit, owners),
+                  "weak_directions": weak_directions(fit), "error": fit.error, "seed": seed, "fixed": fixed})
+
+
+def diagnosis(found, library):
+    """``diagnosis.json``.
+
+    Parameters
+    ----------
+    found : Diagnosis
+    library : Library
+
+    Returns
+    -------
+    dict
+        Beyond the contract, ``refitted``: candidates that were only scored have expected coefficients without interval;
+        ``conditional``: the interval comes from the data that chose the effect, and holds if the effect is there;
+        the cards of `cards`, what the log varies, and where an unexplained residual lives.
+    """
+    return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
+                  "candidates": [_candidate(c, library, found.error) for c in found.candidates],
+                  "residual_depends_on": found.residual_depends_on, "undetectable": found.undetectable,
+                  "excitation": found.excitation, "smallest_detectable": found.smallest,
+                  "unexplained": found.unexplained})
+
+
+def _candidate(c, library, error):
+    if not c.coefficients:
+        from ..compile.contribution import effect_question
+        known = effect_question(library, find_effect(library, c.effect)).variables
+        names = {n.rsplit(".", 1)[-1]: v for n, v in c.start.items()}
+        c.coefficients = {n: {"value": v, "ci95": [None, None], "unit": known[n].unit if n in known else "1"}
+                          for n, v in names.items()}
+    return {"effect": c.effect, "place": c.place, "accepted": c.accepted, "p_value": c.p_value,
+            "p_value_single": c.p_value_single, "predicted_error": c.predicted_error,
+            "predicted_fall": cards.fall(error, c.predicted_error), "held_out_error": c.held_out_error or None,
+            "coefficients": c.coefficients, "conditional": c.fit is not None, "twins": c.twins,
+            "refitted": c.fit is not None, "experiment": cards.experiment(library, c),
+            "variable": cards.variable(library, c), "sentence": cards.sentence(library, c, error)}
+
+
+def ladder(steps, dataset):
+    """``ladder.json``: errors of the base model, then with every effect added.
+
+    Parameters
+    ----------
+    steps : list of Step
+        Of an `Improvement`.
+    dataset : Dataset
+
+    Returns
+    -------
+    dict
+    """
+    return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "steps": [
+        {"added": None if s.added is None else {"effect": s.added[0], "place": s.added[1]},
+         "error": s.error, "held_out_error": s.held_out_error,
+         "predicted_error": s.finding.predicted_error or None if s.finding else None} for s in steps]})
+
+
+def improved_study(study, model, fit):
+    """The study with a model's effects, and the fitted values to start from.
+
+    Parameters
+    ----------
+    study : Study
+    model : Model
+    fit : Fit
+
+    Returns
+    -------
+    Study
+    """
+    settings = dict(study.parameters)
+    for name in fit.free:
+        old, variable = settings.get(name, Setting(fixed=False)), fit.variables[name]
+        value = min(max(float(f"{fit.parameters[name]:.9g}"), variable.min), variable.max)
+        settings[name] = replace(old, value=value)
+    for effect, place in model.attached:  # other logs have other means, and would make other coefficients of the fitted
+        for name in (f"{component_name(effect, place)}.{n}" for n in effect.means):
+            settings[name] = Setting(value=float(f"{fit.parameters[name]:.9g}"), fixed=True)
+    return replace(study, effects=[(e.id, p.name) for e, p in model.attached], parameters=settings)

@@ -1,0 +1,269 @@
+"""A study file (TOML) in; checked settings, or one sentence that says where it is wrong, out."""
+
+from __future__ import annotations
+
+import glob
+import math
+import os
+import re
+import tomllib
+from pathlib import Path
+
+from ..core import units
+from ..core.errors import BoundsError, StudyError, closest
+from .schema import (COLUMN_KEYS, Column, DATA_KEYS, DROP_OUTS, EFFECT_KEYS, LIMIT_KEYS, MOST, READERS, REFERENCES,
+                     RIG_KEYS, SETTING_KEYS, Setting, Study, TABLES, TOP_KEYS, known_unit, refuse_twice)
+from .write import to_toml
+
+_LEAST_MOST = 100
+_KINDS = {str: "a text in quotes", float: "a number", bool: "true or false", list: "a list",
+          dict: "a table", int: "an integer"}
+
+
+# --- reading --------------------------------------------------------------------------------------------------------
+
+
+class Source:
+    """A study's text: finds the line of a key, so that messages can point at it."""
+
+    def __init__(self, path):
+        self.path = Path(path).absolute()
+        try:
+            self.text = self.path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            near = closest(self.path.name, [p.name for p in self.path.parent.glob("*.toml")])
+            raise StudyError(f"no study {path}{near}; 'pycosim new' writes one to start from") from None
+        except (OSError, UnicodeDecodeError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise StudyError(f"{path}: cannot be read as a study ({why})") from None
+        try:
+            self.tables = tomllib.loads(self.text)
+        except tomllib.TOMLDecodeError as error:
+            raise StudyError(f"{path}: not valid TOML: {error}") from None
+
+    def error(self, where, message, key="", kind=StudyError):
+        """An error that names file, line of the key, and place in the file."""
+        pattern = re.compile(rf"""\s*(\[+\s*)?["']?{re.escape(key)}["']?\s*[=\]]""")
+        lines = [i for i, line in enumerate(self.text.splitlines(), 1) if key and pattern.match(line)]
+        line = f":{lines[0]}" if len(lines) == 1 else ""
+        return kind(f"{self.path}{line}: {where}{': ' if where else ''}{message}")
+
+    def keys(self, table, known, where, line=""):
+        """Refuse keys that nothing reads."""
+        for key in table:
+            if key not in known:
+                raise self.error(where, f"unknown key '{key}'{closest(key, known)}", line or key)
+
+    def take(self, table, key, kind, where, default=None, line=""):
+        """A value of the wanted type, or the default."""
+        if key not in table:
+            return default
+        value = table[key]
+        # bool is an int in Python, and an integer is a fine number in TOML
+        fits = isinstance(value, (int, float) if kind is float else kind) and isinstance(value, bool) == (kind is bool)
+        if not fits or (kind is float and not math.isfinite(value)):
+            raise self.error(where, f"{key} must be {'a finite number' if kind is float else _KINDS[kind]}, "
+                                    f"not {to_toml(value)}", line or key)
+        return float(value) if kind is float else value
+
+    def choice(self, table, key, known, where, default):
+        """One of a few words."""
+        value = self.take(table, key, str, where, default)
+        if value is not default and value not in known:
+            raise self.error(where, f"{key} = '{value}' is unknown; use one of {', '.join(known)}", key)
+        return value
+
+
+def load_study(path):
+    """Read a study.
+
+    Parameters
+    ----------
+    path : path
+        TOML file.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    StudyError
+        The file is missing or broken, has unknown or mistyped keys, or contradicts itself.
+    BoundsError
+        A value outside its own min and max, or min above max.
+    """
+    source = Source(path)
+    tables = source.tables
+    for key, value in tables.items():
+        if key not in TABLES + TOP_KEYS:
+            what = "table" if isinstance(value, (dict, list)) else "key"
+            raise source.error("", f"unknown {what} '{key}'{closest(key, TABLES + TOP_KEYS)}", key)
+    for key in TABLES[:-1]:
+        source.take(tables, key, dict, "")
+    rig, modelica = _rig(source, tables)
+    data = _data(source, tables)
+    return Study(source.path, rig, modelica, _parameters(source, tables.get("parameters", {})),
+                 limits=_limits(source, tables.get("limits", {})),
+                 columns=_columns(source, tables.get("columns", {}), data), effects=_effects(source, tables), **data)
+
+
+def _rig(source, tables):
+    if "rig" not in tables:
+        raise source.error("", 'no [rig]; say which machine it is: [rig] model = "DriveTrain.Rigs.HipKnee"')
+    source.keys(tables["rig"], RIG_KEYS, "[rig]")
+    model = source.take(tables["rig"], "model", str, "[rig]")
+    if not model:
+        raise source.error("[rig]", 'model is missing; say which machine it is: model = "DriveTrain.Rigs.HipKnee"',
+                           "rig")
+    return model, _paths(source, tables["rig"], "modelica", "[rig]")
+
+
+def _data(source, tables):
+    """The [data] table as keyword arguments of Study."""
+    table, where = tables.get("data", {}), "[data]"
+    source.keys(table, DATA_KEYS, where)
+    for key in TOP_KEYS:
+        if key in tables and key in table:
+            raise source.error("", f"{key} is given twice, at the top and in [data]; keep one")
+    both = {**{k: tables[k] for k in TOP_KEYS if k in tables}, **table}
+    w_min = source.take(both, "w_min", float, where)
+    if w_min is not None and w_min <= 0:
+        raise source.error(where, f"w_min = {w_min:g} rad/s must be above zero", "w_min")
+    seed = source.take(both, "seed", int, where, 0)
+    if seed < 0:
+        raise source.error(where, f"seed = {seed} must not be negative", "seed")
+    most = source.take(table, "most", int, where, MOST)
+    if most < _LEAST_MOST:
+        raise source.error(where, f"most = {most} rows of a log are too few to learn from; use {_LEAST_MOST} at least",
+                           "most")
+    runs, held_out = (_paths(source, table, key, where) for key in ("runs", "held_out"))
+    fitted = [path for path in runs if path not in held_out]  # held_out may pick among runs
+    if runs and not fitted:
+        raise source.error(where, f"every log, {runs[0].name} first, is in runs and in held_out, so nothing is left to "
+                           "fit; hold fewer out", "held_out")
+    return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=seed, most=most,
+                reference=source.choice(table, "reference", REFERENCES, where, "unknown"),
+                labels=source.take(table, "label", str, where, "manoeuvre"),
+                time_column=source.take(table, "time_column", str, where, "time"),
+                drop_outs=source.choice(table, "drop_outs", DROP_OUTS, where, "refuse"),
+                average=source.choice(table, "average", ("file",), where, None),
+                reader=source.choice(table, "reader", READERS, where, None))
+
+
+def _paths(source, table, key, where):
+    """Paths relative to the study; a pattern stands for all files it matches."""
+    found = []
+    for item in source.take(table, key, list, where, []):
+        if not isinstance(item, str) or not item:
+            raise source.error(where, f"{key} must be a list of file names, but holds {to_toml(item)}", key)
+        path = Path(os.path.normpath(source.path.parent / item))
+        if not glob.has_magic(item) or path.exists():
+            found.append(path)
+            continue
+        matches = sorted(Path(p) for p in glob.glob(str(path)))
+        if not matches:
+            raise source.error(where, f"{key}: no file matches '{item}'", key)
+        found += matches
+    refuse_twice(found, f"{source.path}: {where} {key}")
+    return found
+
+
+def _leaves(table, keys, prefix=""):
+    """Yield (dotted name, settings): unquoted ``s1A.f0 = {..}`` is a nested table in TOML, and means the same."""
+    for key, value in table.items():
+        nested = isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values())
+        if nested and not set(value) & set(keys):
+            yield from _leaves(value, keys, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+def _parameters(source, table):
+    found = {}
+    for name, given in _leaves(table, SETTING_KEYS):
+        where = f"[parameters] '{name}'"
+        if name in found:
+            raise source.error(where, "is given twice", name)
+        if not isinstance(given, dict):
+            raise source.error(where, f"must be a table, as {{ value = {to_toml(given)} }}", name)
+        source.keys(given, SETTING_KEYS, where, name)
+        value, low, high = (source.take(given, k, float, where, None, name) for k in SETTING_KEYS[:3])
+        if low is not None and high is not None and low > high:
+            raise source.error(where, f"min {low:g} is above max {high:g}", name, BoundsError)
+        outside = value is not None and ((low is not None and value < low) or (high is not None and value > high))
+        if outside:
+            bounds = f"{'-inf' if low is None else f'{low:g}'} to {'inf' if high is None else f'{high:g}'}"
+            raise source.error(where, f"value {value:g} is outside its own bounds {bounds}", name, BoundsError)
+        found[name] = Setting(value, low, high, source.take(given, "fixed", bool, where, None, name))
+    return found
+
+
+def _limits(source, table):
+    """The [limits] table: (min, max) by variable or sum of angles."""
+    found = {}
+    for name, given in _leaves(table, LIMIT_KEYS):
+        where = f"[limits] '{name}'"
+        if not isinstance(given, dict) or not given:
+            raise source.error(where, "must be a table, as { min = -0.4, max = 2.0 }", name)
+        source.keys(given, LIMIT_KEYS, where, name)
+        low, high = (source.take(given, k, float, where, None, name) for k in LIMIT_KEYS)
+        if low is not None and high is not None and low >= high:
+            raise source.error(where, f"min {low:g} is not below max {high:g}", name, BoundsError)
+        found[name] = (low, high)
+    return found
+
+
+def _columns(source, table, data):
+    found = {}
+    for name, given in _leaves(table, COLUMN_KEYS):
+        where = f"[columns] '{name}'"
+        if name in found:
+            raise source.error(where, "is given twice", name)
+        if not isinstance(given, dict):
+            raise source.error(where, 'must be a table, as { variable = "motor1.tau", unit = "N.m" }', name)
+        column = _column(source, given, where, name)
+        for other, taken in found.items():
+            if taken.variable == column.variable:
+                raise source.error(where, f"'{column.variable}' is already read from column '{other}'; keep one", name)
+        if (name == data["time_column"]) != (column.variable == "time"):
+            raise source.error(where, f"the time is read from column '{data['time_column']}', which can only be the "
+                                      "variable 'time'; [data] time_column names another one", name)
+        if name == data["labels"]:
+            raise source.error(where, "is the label column, which holds text; [data] label names another one", name)
+        found[name] = column
+    return found
+
+
+def _column(source, given, where, name):
+    source.keys(given, COLUMN_KEYS, where, name)
+    variable, unit = (source.take(given, k, str, where, None, name) for k in ("variable", "unit"))
+    for key, value in (("variable", variable), ("unit", unit)):
+        if value is None:
+            raise source.error(where, f'no {key}; write {{ variable = "motor1.tau", unit = "N.m" }}', name)
+    if known_unit(unit) is None:
+        raise source.error(where, f"unknown unit '{unit}'{closest(unit, units._UNITS)}", name)
+    k_m = source.take(given, "k_m", float, where, None, name)
+    if k_m is not None and known_unit(unit)[0] != "A":
+        raise source.error(where, f"k_m goes with a current, but the unit is '{unit}'; use A or mA, or remove k_m",
+                           name)
+    if k_m == 0.0:
+        raise source.error(where, "k_m = 0 N.m/A makes every torque zero", name)
+    return Column(variable, unit, k_m, source.take(given, "zero", float, where, 0.0, name))
+
+
+def _effects(source, tables):
+    found = []
+    for k, given in enumerate(source.take(tables, "effects", list, "", []), 1):
+        where = f"[[effects]] no. {k}"
+        if not isinstance(given, dict):
+            raise source.error(where, 'must be a table with effect = ".." and place = ".."')
+        source.keys(given, EFFECT_KEYS, where)
+        pair = tuple(source.take(given, key, str, where) for key in EFFECT_KEYS)
+        for key, value in zip(EFFECT_KEYS, pair):
+            if not value:
+                raise source.error(where, f'{key} is missing; write effect = "viscous" and place = "1A"')
+        if pair in found:
+            raise source.error(where, f"'{pair[0]}' at '{pair[1]}' is listed twice")
+        found.append(pair)
+    return found
