@@ -22,12 +22,11 @@ if str(ROOT) not in sys.path:
 
 import pycosim  # noqa: E402
 from pycosim import cli
-from pycosim.cli import new
-from pycosim.cli import parser
-from pycosim.study import schema  # noqa: E402
+from pycosim.cli import new, parser
 from pycosim.compile import Library, catalogue, places  # noqa: E402
 from pycosim.compile.effects import annotation  # noqa: E402
 from pycosim.compile.parse import LIBRARY  # noqa: E402
+from pycosim.study import schema  # noqa: E402
 
 RIG = "DriveTrain.Rigs.HipKnee"
 MODELICA = ("Components", "Effects", "Rigs", "Examples", "Interfaces", "UsersGuide")

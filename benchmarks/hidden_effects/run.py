@@ -35,10 +35,10 @@ def run(case):
     dict
         A row of the table.
     """
-    from pycosim.fit import least_squares
-    from pycosim.diagnosis import search
     from pycosim.compile import Library
     from pycosim.data.dataset import Dataset
+    from pycosim.diagnosis import search
+    from pycosim.fit import least_squares
     from pycosim.study.parse import load_study
     row = {"kind": case.kind, "effects": list(case.effects), "seed": case.seed, "half": case.half}
     try:
@@ -113,9 +113,9 @@ def true_error(data, given, library, hidden):
     -------
     dict of str to float
     """
+    from pycosim.compile import compile_model
     from pycosim.diagnosis import compare
     from pycosim.fit import least_squares
-    from pycosim.compile import compile_model
     model = compile_model(library, given.rig, [(h.id, h.place) for h in hidden])
     start = {n: v for h in hidden for n, v in ((f"{h.id}_{h.place.replace('+', '_')}.{c}", h[c])
                                                for c in h.coefficients)}

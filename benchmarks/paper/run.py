@@ -35,10 +35,10 @@ def log(seed, folder, reference=None):
 
 def case(seed):
     """Identify one log without its reference; returns values, intervals and the errors with it."""
-    from pycosim.diagnosis import compare
-    from pycosim.fit import least_squares
     from pycosim.compile import Library
     from pycosim.data.dataset import Dataset
+    from pycosim.diagnosis import compare
+    from pycosim.fit import least_squares
     from pycosim.study.parse import load_study
     study, library = load_study(STUDY), Library()
     with tempfile.TemporaryDirectory() as folder:

@@ -69,10 +69,9 @@ def dataset(motions, seed, reference, effects=(), study_of=study):
 
 def planned(reference, seed, criterion="intervals"):
     """Plan of the baseline's duration, made from one log of the baseline, and its predicted fit of everything."""
-    from pycosim.fit import least_squares
-    from pycosim.design import optimiser
-    from pycosim.design import plan
+    from pycosim.design import optimiser, plan
     from pycosim.design.prediction import expected, predicted_fit
+    from pycosim.fit import least_squares
     first = dataset(baseline(), seed, reference)
     fit = least_squares.fit(first, first.base, part="all")
     k = plan.known(first.study, first.library, first.base, first, fit)

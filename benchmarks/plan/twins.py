@@ -28,8 +28,8 @@ PAIRS = [
 
 def fits(data, pair, truth):
     """Both rivals, fitted to a data set from the values of the first."""
-    from pycosim.fit import least_squares
     from pycosim.compile import Library, compile_model, component_name
+    from pycosim.fit import least_squares
     found, library = {}, Library()
     base = least_squares.fit(data, data.base, part="all")
     for key in pair:

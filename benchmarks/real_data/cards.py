@@ -25,8 +25,8 @@ def machines():
 
 def page():
     """Lines of the page."""
-    from pycosim.report import cards
     from pycosim.fit.nullspace import number
+    from pycosim.report import cards
     yield TOP
     for name, study, channel in machines():
         result = ladder(study)

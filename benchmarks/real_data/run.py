@@ -19,9 +19,9 @@ DATA = ROOT.parent / "shared" / "data"
 
 def ladder(study):
     """Improve a study; returns the improvement."""
-    from pycosim.diagnosis import search
     from pycosim.compile import Library
     from pycosim.data.dataset import Dataset
+    from pycosim.diagnosis import search
     return search.improve(Dataset(study, Library()))
 
 

@@ -53,10 +53,10 @@ def write(folder, rows):
 
 def task(name, path):
     """What is measured, in a process of its own; prints a line of JSON."""
-    from pycosim.diagnosis import search
     from pycosim.compile import Library
     from pycosim.data.dataset import Dataset
     from pycosim.data.logs import read_log
+    from pycosim.diagnosis import search
     from pycosim.report.page import write_report
     from pycosim.study.parse import load_study
     study, told, start = load_study(STUDY).with_data([path]), "", time.perf_counter()

@@ -73,8 +73,8 @@ int main(int argc, char **argv) {
 
 def in_c(model, steps):
     """Microseconds of a step, an estimate, a memcpy and a multiplication, and the largest error of a step."""
-    from pycosim.export.c import export_c
     from pycosim.dynamics.simulate import dynamics
+    from pycosim.export.c import export_c
     d, asked = dynamics(model), model.question("estimate")
     sizes = {"NP": model.parameters, "NX": d.states, "NZ": d.algebraic, "NU": d.inputs, "NI": asked.inputs,
              "NO": asked.outputs, "NS": asked.states}

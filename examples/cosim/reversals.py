@@ -12,8 +12,8 @@ from draw import reversals as figure
 from draw import write
 
 from pycosim.compile import ArrayFunction, compile_model
-from pycosim.export.description import values
 from pycosim.dynamics.simulate import estimate
+from pycosim.export.description import values
 from pycosim.study.parse import load_study
 
 QUANTUM, W_MIN = 2 * np.pi / 2 ** 14, 0.02  # encoder step [rad]; slower is standing still [rad/s]

@@ -15,11 +15,11 @@ from common import HERE, IMAGES, T_R, changed, logged
 from draw import simplified as figure
 from draw import write
 
-from pycosim.fit import least_squares
 from pycosim.compile import ArrayFunction, Library, compile_model
 from pycosim.data.dataset import Dataset
-from pycosim.export.description import values
 from pycosim.dynamics.simulate import estimate
+from pycosim.export.description import values
+from pycosim.fit import least_squares
 from pycosim.study.parse import load_study
 
 BINS = 8

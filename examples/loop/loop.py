@@ -14,14 +14,14 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pycosim.fit import least_squares
 from pycosim.compile import Library, compile_model, component_name
 from pycosim.cosim.master import cosimulate
-from pycosim.data.dataset import Dataset
-from pycosim.diagnosis.decide import diagnose
-from pycosim.design.plan import known, make_plan
-from pycosim.report.plan_results import csv
 from pycosim.cosim.scenario import load_scenario
+from pycosim.data.dataset import Dataset
+from pycosim.design.plan import known, make_plan
+from pycosim.diagnosis.decide import diagnose
+from pycosim.fit import least_squares
+from pycosim.report.plan_results import csv
 from pycosim.study.parse import load_study
 
 HERE = Path(__file__).parent

@@ -8,16 +8,14 @@ from pathlib import Path
 
 from nicegui import run, ui
 
-from ..fit.nullspace import number
-from ..report import records
-from ..report import sentences
-from ..diagnosis.compare import worded
 from ..compile import compile_model, find_effect
-from ..diagnosis.dependence import noise_floor
 from ..core.errors import PycosimError
-from ..report import charts
-from ..study.template import rigs
+from ..diagnosis.compare import worded
+from ..diagnosis.dependence import noise_floor
+from ..fit.nullspace import number
+from ..report import charts, records, sentences
 from ..study.schema import Column
+from ..study.template import rigs
 from .jobs import Cancelled, Job
 from .mapping import wanted
 from .workbench import Given, Workbench

@@ -11,21 +11,20 @@ from pathlib import Path
 
 import numpy as np
 
-from ..fit import least_squares
-from ..report.folder import Folder
-from ..report import records
 from ..compile import Library, compile_model
-from ..data.dataset import Dataset
-from ..diagnosis.decide import Finding, nudged, diagnose
 from ..core.errors import PycosimError, StudyError
-from ..export import export
-from ..diagnosis.search import step_of
+from ..data.dataset import Dataset
 from ..data.logs import load
 from ..data.readers import read_parts
-from ..report import values
-from ..study.template import first_parameters, rigs
-from ..study.schema import Setting, Study
+from ..diagnosis.decide import Finding, diagnose, nudged
+from ..diagnosis.search import step_of
+from ..export import export
+from ..fit import least_squares
+from ..report import records, values
+from ..report.folder import Folder
 from ..study.parse import load_study
+from ..study.schema import Setting, Study
+from ..study.template import first_parameters, rigs
 from ..study.write import write_study
 from .mapping import suggest, wanted
 

@@ -10,16 +10,14 @@ import sys
 import time as clock
 from pathlib import Path
 
-from ..diagnosis import compare
-from ..fit import least_squares
-from ..report.folder import Folder
-from ..report import records
-from ..report import sentences
 from ..compile import Library, compile_model, component_name
 from ..cosim.master import cosimulate
 from ..data.dataset import Dataset
+from ..diagnosis import compare
 from ..diagnosis.search import improve
-from ..report import figures
+from ..fit import least_squares
+from ..report import figures, records, sentences
+from ..report.folder import Folder
 from ..report.page import write_report
 from ..study.parse import load_study
 from ..study.write import write_study

@@ -10,10 +10,9 @@ import traceback
 import warnings
 
 from .. import __version__
-from .parser import UsageError, VERBS, build_parser, complete, parse
-from .progress import Progress
 from ..core.errors import PycosimError
-
+from .parser import VERBS, UsageError, build_parser, complete, parse
+from .progress import Progress
 
 # --- main -----------------------------------------------------------------------------------------------------------
 

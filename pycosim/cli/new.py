@@ -8,12 +8,28 @@ from pathlib import Path
 
 from ..core.errors import UnknownNameError, closest
 
-
-# --- new and demo ---------------------------------------------------------------------------------------------------
+# --- new ---------------------------------------------------------------------------------------------------
 
 
 def new(arguments):
-    """Write a commented study for a rig; returns its path."""
+    """Write a commented study for a rig.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        ``rig``, ``data`` and ``out``.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    UnknownNameError
+        No such rig, or no such log.
+    FolderError
+        The study is there already, or cannot be written.
+    """
     from ..compile import Library
     from ..report.folder import FolderError
     from ..study.parse import load_study
@@ -117,8 +133,8 @@ def template(library, rig, runs, modelica=()):
     str
     """
     from ..compile import catalogue, compile_model, places
-    from ..study.template import first_parameters
     from ..study.schema import MOST
+    from ..study.template import first_parameters
     from ..study.write import to_toml
     model = compile_model(library, rig)
     wanted, known = model.alternatives("estimate")[0]

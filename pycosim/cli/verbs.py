@@ -7,10 +7,10 @@ import time
 from functools import partial
 from pathlib import Path
 
-from .parser import Stopped, UsageError, VERBS, WRITES
 from ..core.errors import PycosimError, StudyError, UnknownNameError
 from ..report import records, sentences
 from ..report.folder import Folder
+from .parser import VERBS, WRITES, Stopped, UsageError
 
 
 class Run:
@@ -180,8 +180,8 @@ def _identify(run, arguments):
 
 
 def _diagnose(run, arguments):
-    from ..diagnosis import compare
     from ..compile import compile_model
+    from ..diagnosis import compare
     from ..diagnosis.decide import diagnose
     found = diagnose(run.dataset, run.model, run.fit(), run.study.seed, run.progress)
     if found.winner is not None and run.dataset.is_test.any():
@@ -334,10 +334,10 @@ def best_place(run, effect, places):
     StudyError
         The effect fits at none of them.
     """
-    from ..fit import least_squares
     from ..compile import compile_model
-    from ..diagnosis.decide import nudged, diagnose
     from ..diagnosis.crossval import select
+    from ..diagnosis.decide import diagnose, nudged
+    from ..fit import least_squares
     run.base = run.fit()
     found = diagnose(run.dataset, run.model, run.base, run.study.seed, run.progress)
     starts = {f.place: f for f in found.candidates if f.effect == effect}
@@ -372,6 +372,23 @@ def best_place(run, effect, places):
 
 
 def demo(arguments, progress):
+    """Make a log with a hidden effect, and find the effect.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    progress : callable
+
+    Returns
+    -------
+    Path
+        Folder of the results.
+
+    Raises
+    ------
+    UsageError
+        A log was given.
+    """
     if arguments.data:
         raise UsageError("demo makes its own log; for yours: pycosim improve STUDY --data FILE")
     from . import demo
@@ -381,7 +398,18 @@ def demo(arguments, progress):
 
 
 def app(arguments, progress):
-    """Serve the app until Ctrl-C."""
+    """Serve the app until Ctrl-C.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    progress : callable
+
+    Raises
+    ------
+    UsageError
+        The app's own dependency is not installed.
+    """
     try:
         from ..app.page import serve
     except ModuleNotFoundError as error:
@@ -398,16 +426,26 @@ def app(arguments, progress):
 
 
 def cosim(arguments, progress):
-    """Run a scenario; returns the folder's text for stdout.
+    """Run a scenario.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    progress : callable
+
+    Returns
+    -------
+    str
+        Text for stdout.
 
     Raises
     ------
     Stopped
         At Ctrl-C, after the log up to there and a checkpoint are written.
     """
-    from ..report import cosim_figures
     from ..cosim.master import cosimulate
     from ..cosim.scenario import load_scenario
+    from ..report import cosim_figures
     start = time.monotonic()
     scenario = load_scenario(arguments.scenario)
     if arguments.data:

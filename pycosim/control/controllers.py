@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from ..core.errors import StudyError, UnknownNameError, closest
-from ..dynamics.states import advance
 from ..core.units import Variable
+from ..dynamics.states import advance
 
 __all__ = ["Block", "CONTROLLERS", "estimator", "hand", "make", "position_control", "torque_control"]
 

@@ -27,7 +27,6 @@ from ..export.fmu import export_fmu
 from ..study.parse import load_study
 from ..study.schema import Study
 
-
 # --- components ------------------------------------------------------------------------------------------------------
 
 
@@ -392,6 +391,19 @@ class _Fmu(_Participant):
 
 
 def check_names(given, known, what):
+    """Refuse names that nothing has.
+
+    Parameters
+    ----------
+    given, known : collection of str
+    what : str
+        Their kind and whose they are, as ``parameter of machine.toml``.
+
+    Raises
+    ------
+    UnknownNameError
+        With the closest name that there is.
+    """
     for name in given:
         if name not in known:
             kind, _, rest = what.partition(" of ")
@@ -419,7 +431,26 @@ def _machine(scenario, what, library):
 
 
 def make_component(scenario, c, library, stack):
-    """The participant that a component of the scenario describes."""
+    """The participant that a component of the scenario describes.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    c : Component
+    library : Library
+    stack : contextlib.ExitStack
+        Takes down what the participant leaves: processes, folders.
+
+    Returns
+    -------
+    object
+        With inputs, outputs, ``step`` and the rest of what the master calls.
+
+    Raises
+    ------
+    PycosimError
+        What the component names is not there, or does not fit the scenario.
+    """
     if c.kind == "fmu":
         path = scenario.beside(c.what)
         if not path.is_file():
@@ -473,7 +504,18 @@ def _packed(path):
 
 @contextmanager
 def naming(scenario, name):
-    """Errors say which component they come from: a name, or a function that tells it then."""
+    """Errors say which component they come from.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    name : str or callable
+        The component, or a function that tells it when there is an error.
+
+    Yields
+    ------
+    None
+    """
     try:
         yield
     except PycosimError as error:

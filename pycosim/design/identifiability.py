@@ -8,8 +8,8 @@ import numpy as np
 
 from ..fit import least_squares
 from ..fit.nullspace import null_directions
-from .optimiser import Asked, asked
 from .information import ChannelNoise
+from .optimiser import Asked, asked
 from .prediction import expected, predicted_fit
 
 SQUARE = 3.84  # 95 % of a squared standard normal variable

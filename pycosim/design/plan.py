@@ -9,13 +9,13 @@ import numpy as np
 
 from ..compile import catalogue, compile_model, component_name, find_effect, find_place
 from ..core.errors import PlanError, closest
+from ..diagnosis.decide import diagnose, nudged
+from ..fit import least_squares
 from .information import Block, ChannelNoise, StrokeInformation
 from .motion import assemble, ordered
-from .optimiser import Asked, DWELL, Design, MEMORY, Optimiser, ROOM, TRAVEL, asked, noise_of, prior_of
+from .optimiser import DWELL, MEMORY, ROOM, TRAVEL, Asked, Design, Optimiser, asked, noise_of, prior_of
 from .prediction import expected, predicted_fit, signals_of
 from .workspace import Workspace, kinematics, limits_of
-from ..diagnosis.decide import nudged, diagnose
-from ..fit import least_squares
 
 ASSUMED = 0.01  # noise over the range of a channel, where nothing was measured
 ALIKE = 0.1  # squares of the noise below which rivals are one and the same
@@ -262,8 +262,8 @@ def hidden_effects(k):
     -------
     list of (str, str)
     """
-    from ..compile.contribution import effect_question
     from ..compile import places
+    from ..compile.contribution import effect_question
     found = []
     for effect in catalogue(k.library).values():
         simple = not (effect.channel or effect.measured or effect_question(k.library, effect).states)

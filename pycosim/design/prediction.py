@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 from scipy.signal import lfilter
 
-from ..fit import least_squares
 from ..compile import ArrayFunction
 from ..data.dataset import Dataset
 from ..data.logs import Log
+from ..fit import least_squares
 from .information import Node
 
 DRAWS = 4  # of the noise, averaged

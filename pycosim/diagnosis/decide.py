@@ -215,7 +215,21 @@ def _coefficients(model, fit):
 
 
 def nudged(start, model, finding):
-    """A start where no coefficient is exactly neutral, so that the ones that vanish with it can move."""
+    """A start where no coefficient is exactly neutral, so that the ones that vanish with it can move.
+
+    Parameters
+    ----------
+    start : dict of str to float
+        By parameter, SI units; changed in place.
+    model : Model
+        With the effect attached last.
+    finding : Finding or None
+        The effect, as the diagnosis found it.
+
+    Returns
+    -------
+    dict of str to float
+    """
     effect, place = model.attached[-1]
     base = component_name(effect, place)
     for c in effect.size:

@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-
-from ..compile import ArrayFunction
-from ..compile import solve
-from .delays import undo
+from ..compile import ArrayFunction, solve
 from ..core.errors import DataError, ModelicaError, UnknownNameError, closest
+from .delays import undo
 from .states import propagate
 from .stepping import TOLERANCE, System, steps
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import casadi as ca
 
 from ..core.errors import StudyError, UnknownNameError, closest
+from ..core.units import Variable
 from ..dynamics.simulate import dynamics, with_parameters
 from ..dynamics.states import follow
-from ..core.units import Variable
 from .source import inline_choices
 
 _LOOSE = 2e-5  # tolerance of a step in single precision, whose rounding is 1e-7

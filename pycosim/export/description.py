@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 
 from ..compile import solve
-from ..compile.effects import component_name, is_effect, _members
+from ..compile.effects import _members, component_name, is_effect
 from ..core.errors import StudyError
-from ..dynamics.simulate import dynamics
 from ..core.units import Variable
+from ..dynamics.simulate import dynamics
 from .units import rate as unit_of_rate
 
 STEP = "solver.step"

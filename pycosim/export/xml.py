@@ -5,8 +5,8 @@ from __future__ import annotations
 import xml.etree.ElementTree as xml
 
 from .. import __version__
-from .description import finite
 from . import units
+from .description import finite
 
 LOG = {"logStatusError": "Why a call failed", "logStatusDiscard": "Why a point was refused, to be tried closer"}
 

@@ -16,8 +16,8 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import least_squares, linprog, lsq_linear
 
 from ..core.errors import NoAnswerError
-from .moments import Moments
 from ..data.noise import fit_noise
+from .moments import Moments
 
 NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
 WEAK = 1e-3

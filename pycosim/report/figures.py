@@ -16,8 +16,22 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from ..diagnosis.compare import branches, unit_of, worded
 from ..diagnosis.dependence import explanations, noise_floor
-from .values import (_quiet, _share, binned, envelope, half_energy, ideal, interval_rows, outputs, passes, planes,
-                     residual_map, residual_of, signature_values, signed_shares)
+from .values import (
+    _quiet,
+    _share,
+    binned,
+    envelope,
+    half_energy,
+    ideal,
+    interval_rows,
+    outputs,
+    passes,
+    planes,
+    residual_map,
+    residual_of,
+    signature_values,
+    signed_shares,
+)
 
 COLUMN, PAGE = 3.46, 7.1  # width of a column and of a page [inch]
 # Hues of Okabe and Ito, safe for colour-blind readers; the blue darker than theirs, to differ from the red in print

@@ -16,9 +16,9 @@ import pandas as pd
 from jinja2 import Environment, FileSystemLoader
 
 from .. import __version__
-from ..diagnosis.compare import worded
 from ..compile import compile_model, find_effect
 from ..compile.effects import annotation
+from ..diagnosis.compare import worded
 from ..fit.nullspace import number
 from . import charts, records, sentences
 from .sentences import finite
@@ -208,9 +208,10 @@ class Page:
         before, step = self.found.steps[k - 1:k + 1]
         told = next((c for c in self.first["candidates"] if (c["effect"], c["place"]) == step.added), {})
         card = self._card(*step.added, told)
-        card["lines"].append(f"Error with it: {sentences.change_text(before.error, step.error)}"
-                             + (f"; on held-out passes {sentences.change_text(before.held_out_error, step.held_out_error)}"
-                                if step.held_out_error else "") + ".")
+        line = f"Error with it: {sentences.change_text(before.error, step.error)}"
+        if step.held_out_error:
+            line += f"; on held-out passes {sentences.change_text(before.held_out_error, step.held_out_error)}"
+        card["lines"].append(line + ".")
         chart = charts.signature(self.dataset, (before.model, before.fit), (step.model, step.fit), step.added)
         return {**card, "accepted": True, "status": f"added, step {k}", "chart": self._keep(chart)}
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from .figures import BLUE, COLUMN, GREEN, GREY, LINES, PAGE, RED, TONES, _styled, save
 from ..design.motion import REST, TRANSFER
+from .figures import BLUE, COLUMN, GREEN, GREY, LINES, PAGE, RED, TONES, _styled, save
 
 WORDS = {"w": "speed [rad/s]", "tau": r"torque [N$\,$m]"}
 

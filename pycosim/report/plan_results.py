@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..design.identifiability import identifiability
-from ..fit.nullspace import number
 from ..design.plan import separations, table
+from ..fit.nullspace import number
 from .records import SCHEMA, plain
+
 
 def plan(found):
     """``plan.json``.

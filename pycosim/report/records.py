@@ -10,8 +10,8 @@ import numpy as np
 
 from ..compile import component_name, find_effect
 from ..fit.nullspace import null_directions, weak_directions
-from . import cards
 from ..study.schema import Setting
+from . import cards
 
 SCHEMA = 1
 

@@ -11,7 +11,6 @@ from ..compile.effects import annotation
 from ..diagnosis.compare import worded
 from ..fit.nullspace import number
 
-
 # --- sentences ------------------------------------------------------------------------------------------------------
 
 
@@ -43,11 +42,35 @@ def _unit(unit):
 
 
 def change_text(before, after):
-    """``C_H 0.235 -> 0.138 N.m`` for every channel of both."""
+    """Two errors in words.
+
+    Parameters
+    ----------
+    before, after : dict of str to float
+        By channel.
+
+    Returns
+    -------
+    str
+        As ``C_H 0.235 -> 0.138 N.m``, for every channel of both.
+    """
     return ", ".join(f"{c} {number(before[c])} -> {number(after[c])}{_unit(_unit_of(c))}" for c in before if c in after)
 
 
 def coefficient_text(name, c):
+    """A coefficient in words.
+
+    Parameters
+    ----------
+    name : str
+    c : dict
+        ``value``, ``unit`` and ``ci95``, as in ``diagnosis.json``.
+
+    Returns
+    -------
+    str
+        As ``fs = 0.045 N.m (95 %: 0.04 to 0.05)``.
+    """
     if c["value"] is None:
         return f"{name} unknown"
     text = f"{name} = {number(c['value'])}{_unit(c['unit'])}"
@@ -167,6 +190,17 @@ def summary_parameters(result):
 
 
 def finite(value):
+    """An end of an interval in words.
+
+    Parameters
+    ----------
+    value : float or None
+        None where the data set no end.
+
+    Returns
+    -------
+    str
+    """
     if value is None:
         return "any"
     return number(value, 1e-2)  # a bound of zero is approached to 5e-8
@@ -226,7 +260,20 @@ def _missing(result, library, final):
 
 
 def alternatives_text(best, library):
-    """What these data cannot tell a candidate from, and what would."""
+    """What these data cannot tell a candidate from, and what would.
+
+    Parameters
+    ----------
+    best : dict
+        A candidate of ``diagnosis.json``.
+    library : Library or None
+        To name the experiment.
+
+    Returns
+    -------
+    list of str
+        One line, or none.
+    """
     if not best["twins"]:
         return []
     line = f"These data cannot tell it from {_joined(_names(best['twins']))}"

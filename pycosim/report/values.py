@@ -12,8 +12,8 @@ from functools import wraps
 import numpy as np
 
 from ..compile import compile_model, component_name
-from ..diagnosis.dependence import explanations
 from ..data.noise import contiguous
+from ..diagnosis.dependence import explanations
 
 PIXELS = 1200  # across a page, in a preview of 170 dots an inch
 BINS, FULL = 14, 0.15  # bins, and the share of an equal filling below which one is not shown

@@ -42,20 +42,70 @@ class Source:
             raise StudyError(f"{path}: not valid TOML: {error}") from None
 
     def error(self, where, message, key="", kind=StudyError):
-        """An error that names file, line of the key, and place in the file."""
+        """An error that names file, line of the key, and place in the file.
+
+        Parameters
+        ----------
+        where : str
+            Place in the file, as ``[rig]``.
+        message : str
+        key : str
+            To find the line by.
+        kind : type
+            Of the error.
+
+        Returns
+        -------
+        PycosimError
+        """
         pattern = re.compile(rf"""\s*(\[+\s*)?["']?{re.escape(key)}["']?\s*[=\]]""")
         lines = [i for i, line in enumerate(self.text.splitlines(), 1) if key and pattern.match(line)]
         line = f":{lines[0]}" if len(lines) == 1 else ""
         return kind(f"{self.path}{line}: {where}{': ' if where else ''}{message}")
 
     def keys(self, table, known, where, line=""):
-        """Refuse keys that nothing reads."""
+        """Refuse keys that nothing reads.
+
+        Parameters
+        ----------
+        table : dict
+        known : collection of str
+        where : str
+            Place in the file.
+        line : str
+            To find the line by, instead of the key.
+
+        Raises
+        ------
+        StudyError
+        """
         for key in table:
             if key not in known:
                 raise self.error(where, f"unknown key '{key}'{closest(key, known)}", line or key)
 
     def take(self, table, key, kind, where, default=None, line=""):
-        """A value of the wanted type, or the default."""
+        """A value of the wanted type, or the default.
+
+        Parameters
+        ----------
+        table : dict
+        key : str
+        kind : type
+            ``float`` takes integers too, and nothing infinite.
+        where : str
+            Place in the file.
+        default : object
+        line : str
+            To find the line by, instead of the key.
+
+        Returns
+        -------
+        object
+
+        Raises
+        ------
+        StudyError
+        """
         if key not in table:
             return default
         value = table[key]
@@ -67,7 +117,25 @@ class Source:
         return float(value) if kind is float else value
 
     def choice(self, table, key, known, where, default):
-        """One of a few words."""
+        """One of a few words.
+
+        Parameters
+        ----------
+        table : dict
+        key : str
+        known : sequence of str
+        where : str
+            Place in the file.
+        default : str or None
+
+        Returns
+        -------
+        str or None
+
+        Raises
+        ------
+        StudyError
+        """
         value = self.take(table, key, str, where, default)
         if value is not default and value not in known:
             raise self.error(where, f"{key} = '{value}' is unknown; use one of {', '.join(known)}", key)

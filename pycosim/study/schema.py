@@ -214,6 +214,22 @@ class Study:
 
 
 def check_parameter(study, name, setting, known):
+    """Check what a study says of a parameter against its rig.
+
+    Parameters
+    ----------
+    study : Study
+    name : str
+    setting : Setting
+    known : dict of str to Variable
+        Parameters of the rig.
+
+    Raises
+    ------
+    UnknownNameError
+        With the closest name that there is.
+    BoundsError
+    """
     if name not in known:
         raise UnknownNameError(f"{study.path}: no parameter '{name}' in {study.rig}{closest(name, known)}")
     parameter = known[name]
@@ -234,6 +250,23 @@ def check_parameter(study, name, setting, known):
 
 
 def check_column(study, name, column, known):
+    """Check what a study says of a column against its rig.
+
+    Parameters
+    ----------
+    study : Study
+    name : str
+        Of the column in the file.
+    column : Column
+    known : dict of str to str
+        Unit of every variable that a log can hold.
+
+    Raises
+    ------
+    UnknownNameError
+        No such variable, or a unit that does not fit it.
+    StudyError
+    """
     where = f"{study.path}: column '{name}'"
     if column.variable not in known:
         raise UnknownNameError(
@@ -246,11 +279,33 @@ def check_column(study, name, column, known):
 
 
 def known_unit(unit):
-    """Dimension and factor to SI of a unit, or None."""
+    """Dimension and factor to SI of a unit.
+
+    Parameters
+    ----------
+    unit : str
+
+    Returns
+    -------
+    (str, float) or None
+        None where the unit is unknown.
+    """
     return units._UNITS.get(units._SPELLINGS.get(unit, unit))
 
 
 def refuse_twice(paths, where):
+    """Refuse a log that is listed twice.
+
+    Parameters
+    ----------
+    paths : list of Path
+    where : str
+        Said in the message.
+
+    Raises
+    ------
+    StudyError
+    """
     for path in paths:
         if paths.count(path) > 1:
             raise StudyError(f"{where}: {path} is listed twice; a log counted twice makes the intervals too narrow")

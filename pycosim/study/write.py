@@ -83,7 +83,16 @@ def _relative(paths, folder):
 
 
 def to_toml(value):
-    """A value as TOML text, on one line but for long lists."""
+    """A value as TOML text, on one line but for long lists.
+
+    Parameters
+    ----------
+    value : bool, str, int, float, list, tuple or dict
+
+    Returns
+    -------
+    str
+    """
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

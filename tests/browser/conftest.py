@@ -12,11 +12,10 @@ from urllib.request import urlopen
 
 import pytest
 
-from pycosim.report.folder import Folder
-
 from pycosim.cli import demo
 from pycosim.cli.entry import main
 from pycosim.compile import Library
+from pycosim.report.folder import Folder
 
 ROOT = Path(__file__).parents[2]
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

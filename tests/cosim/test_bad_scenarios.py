@@ -1,8 +1,8 @@
 """Claims about refusals: one sentence that names file and place, exit 2, nothing written."""
 
 import pytest
-
 from conftest import JOINT
+
 from pycosim.cli.entry import main
 
 PARTS = """\

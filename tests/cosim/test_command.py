@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-
 from conftest import JOINT
+
 from pycosim.cli.entry import main
 from pycosim.compile import Library
 from pycosim.cosim.master import cosimulate

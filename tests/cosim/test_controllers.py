@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pycosim.control import controllers
 from pycosim.compile import compile_model
-from pycosim.cosim.master import cosimulate
+from pycosim.control import controllers
 from pycosim.core.errors import StudyError
+from pycosim.cosim.master import cosimulate
 from pycosim.dynamics.simulate import estimate
 
 GAIN = "parameters = { kp = 1.0, kd = 0.02, ki = 2.0 }"

@@ -6,8 +6,8 @@ import signal
 import numpy as np
 import pytest
 
-from pycosim.cosim.master import cosimulate
 from pycosim.core.errors import ScenarioError
+from pycosim.cosim.master import cosimulate
 
 ECHO = """\
 class Echo:

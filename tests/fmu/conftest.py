@@ -4,14 +4,13 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from driver import Fmu
 
 from pycosim.compile import Library
 from pycosim.export import build
 from pycosim.export import fmu as fmu_module
 from pycosim.export.description import describe
 from pycosim.study.schema import Setting, Study
-
-from driver import Fmu
 
 
 @pytest.fixture(scope="session")

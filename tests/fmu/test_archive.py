@@ -9,18 +9,18 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from driver import OK, Instance
 from fmpy.build import build_platform_binary
 
 from pycosim.cli.entry import main
 from pycosim.compile.parse import LIBRARY
 from pycosim.core.errors import ExportError
-from pycosim.export import build, fmu as fmu_module
+from pycosim.export import build
+from pycosim.export import fmu as fmu_module
 from pycosim.export.description import describe
 from pycosim.export.modelica import to_modelica
 from pycosim.export.units import exponents
 from pycosim.study.schema import Column
-
-from driver import OK, Instance
 
 
 def test_the_same_study_gives_the_same_bytes(fmu, study, model, tmp_path, monkeypatch):

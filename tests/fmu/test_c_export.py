@@ -11,9 +11,9 @@ import pytest
 from pycosim.compile import Library, compile_model
 from pycosim.compile.parse import LIBRARY
 from pycosim.core.errors import StudyError, UnknownNameError
-from pycosim.export.c import export_c
 from pycosim.dynamics.simulate import dynamics, estimate, simulate
 from pycosim.dynamics.states import follow
+from pycosim.export.c import export_c
 
 RIGS = sorted({p.stem for p in (LIBRARY / "DriveTrain" / "Rigs").glob("*.mo")}
               - {"package", "HipKneeTransmission"})  # the latter is inside HipKnee

@@ -9,13 +9,12 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from driver import EXPORTS
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 
-from pycosim.export.description import values
 from pycosim.dynamics.simulate import simulate
-
-from driver import EXPORTS
+from pycosim.export.description import values
 
 
 @pytest.mark.parametrize(("rig", "fmi"), EXPORTS)

@@ -5,7 +5,6 @@ import math
 import threading
 
 import pytest
-
 from driver import ERROR, OK, Instance
 
 

@@ -8,9 +8,9 @@ import pytest
 
 from pycosim.cli.entry import main
 from pycosim.core.errors import StudyError
+from pycosim.dynamics.simulate import simulate
 from pycosim.export.description import describe, values
 from pycosim.export.mujoco import to_mjcf
-from pycosim.dynamics.simulate import simulate
 from pycosim.study.schema import Setting
 
 ACCELERATIONS = {"GearedJoint": ["load.a"], "ServoPendulum": ["pendulum.a"], "ScrewDrive": ["motor.a"],

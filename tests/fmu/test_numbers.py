@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from pycosim.export.description import values
-from pycosim.dynamics.simulate import simulate
-
 from driver import EXPORTS, OK, Instance
+
+from pycosim.dynamics.simulate import simulate
+from pycosim.export.description import values
 
 DRIVE = {"GearedJoint": {"tau": 0.9}, "ScrewDrive": {"tau_in": 8e-3}, "ServoPendulum": {"v_in": 5.0},
          "HipKnee": {"tau1": 0.8, "tau2": 0.5, "push_H": 3.0, "push_K": -2.0}}

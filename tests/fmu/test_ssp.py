@@ -14,10 +14,10 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import find_components, read_ssd, read_ssv
 
 from pycosim.core.errors import StudyError
+from pycosim.dynamics.simulate import simulate
 from pycosim.export import export
 from pycosim.export.description import values
 from pycosim.export.ssp import Part, export_ssp, read_part
-from pycosim.dynamics.simulate import simulate
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pycosim.fit import least_squares
 from pycosim.cli.entry import main
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
+from pycosim.fit import least_squares
 from pycosim.study.parse import load_study
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "barrier"

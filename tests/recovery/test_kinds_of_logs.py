@@ -7,9 +7,9 @@ import pytest
 
 from benchmarks.hidden_effects import machine as rig
 from benchmarks.hidden_effects.cases import Case, draw, same
-from pycosim.diagnosis import search
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
+from pycosim.diagnosis import search
 from pycosim.study.parse import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"

@@ -7,11 +7,11 @@ import pytest
 
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects import machine as rig
-from pycosim.fit import least_squares
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis.decide import Finding
 from pycosim.diagnosis.search import _ladder, _revised, improve, step_of
+from pycosim.fit import least_squares
 from pycosim.study.parse import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"

@@ -4,14 +4,13 @@ import socket
 
 import pytest
 
-from pycosim.report.folder import Folder
-
-from pycosim.cli import demo
 from pycosim.app.mapping import suggest
 from pycosim.app.workbench import Given, Workbench
+from pycosim.cli import demo
 from pycosim.cli.entry import main
 from pycosim.compile import Library, compile_model
 from pycosim.core.errors import PycosimError
+from pycosim.report.folder import Folder
 from pycosim.study.parse import load_study
 
 

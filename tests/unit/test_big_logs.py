@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from benchmarks.hidden_effects import machine as rig
-from pycosim.data import readers
 from pycosim.cli.entry import main
 from pycosim.core.errors import DataError
+from pycosim.data import readers
 from pycosim.data.logs import read_log
 from pycosim.data.readers import parquet
 from pycosim.study.schema import Column, Study

@@ -15,14 +15,13 @@ import pandas as pd
 import pytest
 
 from benchmarks.hidden_effects.machine import PAPER, Effect, measure, six_manoeuvres, write_csv
-from pycosim.cli import verbs
-from pycosim.cli import parser
-from pycosim.fit import nullspace
-from pycosim.report import folder as folders
-from pycosim.report.folder import Folder
-from pycosim.report import records
+from pycosim.cli import parser, verbs
 from pycosim.cli.entry import main
 from pycosim.compile import Library
+from pycosim.fit import nullspace
+from pycosim.report import folder as folders
+from pycosim.report import records
+from pycosim.report.folder import Folder
 from pycosim.study.parse import load_study
 
 ROOT = Path(__file__).parents[2]

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from pycosim.cli import demo
-from pycosim.report.folder import Folder
 from pycosim.cli.parser import VERBS
 from pycosim.compile import Library, catalogue
+from pycosim.report.folder import Folder
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from pycosim.cli import demo
-from pycosim.fit import least_squares
-from pycosim.report.folder import Folder
-from pycosim.report import records
-from pycosim.report import sentences
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
-from pycosim.diagnosis.dependence import noise_floor
 from pycosim.diagnosis.decide import Finding, diagnose
+from pycosim.diagnosis.dependence import noise_floor
 from pycosim.diagnosis.search import Improvement, step_of
-from pycosim.report import charts, figures
+from pycosim.fit import least_squares
+from pycosim.report import charts, figures, records, sentences
+from pycosim.report.folder import Folder
 from pycosim.report.values import PIXELS, envelope
 from pycosim.study.parse import load_study
 

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 
 from pycosim.cli import main
 from pycosim.compile import Library
+from pycosim.control.trajectories import from_file
 from pycosim.core.errors import PlanError
-from pycosim.design.optimiser import Optimiser, prior_of
-from pycosim.design.plan import known, make_plan, motion_of, separations
 from pycosim.design.information import ChannelNoise
 from pycosim.design.motion import REST, TRANSFER, Stroke, assemble, ordered, profile
-from pycosim.study.schema import Setting, Study
+from pycosim.design.optimiser import Optimiser, prior_of
+from pycosim.design.plan import known, make_plan, motion_of, separations
 from pycosim.study.parse import load_study
-from pycosim.control.trajectories import from_file
+from pycosim.study.schema import Setting, Study
 
 STUDY = "examples/hip_knee/study.toml"
 LIBRARY = Library()

@@ -12,13 +12,13 @@ import pandas as pd
 import pytest
 
 from pycosim.cli import demo
-from pycosim.fit import least_squares
-from pycosim.report.folder import Folder
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis.decide import diagnose
 from pycosim.diagnosis.search import Improvement, step_of
+from pycosim.fit import least_squares
 from pycosim.report import charts, values
+from pycosim.report.folder import Folder
 from pycosim.report.page import SECTIONS, Page, write_numbers, write_report
 from pycosim.study.parse import load_study
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from pycosim.data import segmentation as seg
 from pycosim.core.errors import DataError
+from pycosim.data import segmentation as seg
 
 LINES = {"A": (1.0, -1.0), "C": (1.0, 0.5), "E": (0.5, 1.0)}
 BACK = {"A": "B", "C": "D", "E": "F"}

@@ -6,8 +6,8 @@ import pytest
 
 from pycosim.compile.parse import Library
 from pycosim.core.errors import BoundsError, StudyError, UnknownNameError
-from pycosim.study.schema import Column, Setting
 from pycosim.study.parse import load_study
+from pycosim.study.schema import Column, Setting
 from pycosim.study.write import write_study
 
 RIG = '[rig]\nmodel = "DriveTrain.Rigs.HipKnee"\n'

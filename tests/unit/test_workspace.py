@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from pycosim.compile import Library, compile_model
 from pycosim.core.errors import PlanError, StudyError, UnknownNameError
+from pycosim.design.workspace import Kinematics, Limits, Workspace, kinematics, limits_of, read_limits
 from pycosim.study.parse import load_study
 from pycosim.study.write import write_study
-from pycosim.design.workspace import Kinematics, Limits, Workspace, kinematics, limits_of, read_limits
 
 STUDY = "examples/hip_knee/study.toml"
 RATIO = 15.125
