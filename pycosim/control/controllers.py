@@ -272,7 +272,7 @@ def torque_control(model, values, period=PERIOD, gravity=True, friction=1.0):
 def estimator(model, values, period=PERIOD):
     """Joint torques from the motors alone: motion and torque of the motors in, joint torques out.
 
-    Friction states follow the measured angles through reversals and standstill, as `pycosim.simulate.estimate` has
+    Friction states follow the measured angles through reversals and standstill, as `dynamics.simulate.estimate` has
     them. Accelerations matter where rotors have inertia; left unconnected, they are zero.
 
     Parameters

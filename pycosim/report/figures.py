@@ -95,7 +95,7 @@ def label(dataset, name, symbol=None):
     ----------
     dataset : Dataset
     name : str
-        Channel, column, or variable of `pycosim.dependence.explanations`.
+        Channel, column, or variable of `pycosim.diagnosis.dependence.explanations`.
     symbol : str, optional
         Instead of the name's own.
 

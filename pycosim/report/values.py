@@ -121,7 +121,7 @@ def sampled(dataset, model, fit, part="all"):
     residual : ndarray, shape (channels, samples)
     index : ndarray of int, shape (samples,)
     known : dict of str to ndarray, shape (samples,)
-        See `pycosim.dependence.explanations`.
+        See `pycosim.diagnosis.dependence.explanations`.
     """
     residual, index = residual_of(dataset, model, fit, None, part, ENOUGH)
     return residual, index, explanations(dataset, model, fit, index)
@@ -381,7 +381,7 @@ def planes(dataset, known):
     ----------
     dataset : Dataset
     known : dict of str to ndarray
-        As `pycosim.dependence.explanations` gives them.
+        As `pycosim.diagnosis.dependence.explanations` gives them.
 
     Returns
     -------

@@ -162,8 +162,8 @@ def test_the_results_say_that_means_were_read(tmp_path, monkeypatch, capsys):
 MEASURE = """
 import sys
 from pathlib import Path
-from pycosim.measurements import read_log
-from pycosim.study import Column, Study
+from pycosim.data.logs import read_log
+from pycosim.study.schema import Column, Study
 columns = {"theta1": Column("motor1.phi", "rad"), "tau1": Column("motor1.tau", "N.m")}
 log = read_log(Path(sys.argv[1]), Study(Path("study.toml"), "x", columns=columns, most=20_000))
 print(len(log.time), next(int(s.split()[1]) / 1024 for s in open("/proc/self/status") if s.startswith("VmHWM")))

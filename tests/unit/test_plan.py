@@ -186,7 +186,7 @@ def test_the_same_physics_at_two_names_stays_alike_and_is_said_so():
 
 
 def run(capsys, *argv):
-    code = main.main([str(a) for a in argv])
+    code = main([str(a) for a in argv])
     return code, capsys.readouterr()
 
 

@@ -23,7 +23,9 @@ _META = ("mass", "length", "kp", "trajectory", "vin", "motor")
 
 
 def read(path, wanted, text):
-    """Read one run; see `pycosim.readers.read_parts`. `meta["powered"]` is False where the torque goes off in the run.
+    """Read one run; see `pycosim.data.readers.read_parts`.
+
+    `meta["powered"]` is False where the torque goes off in the run.
 
     Raises
     ------

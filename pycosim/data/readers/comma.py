@@ -16,7 +16,7 @@ _MISSING = {"", "nan", "na", "n/a", "null", "none", "<na>", "#n/a", "inf", "-inf
 
 
 def parts(path, wanted, text):
-    """Read the wanted columns of a CSV file, part by part; see `pycosim.readers.read_parts`.
+    """Read the wanted columns of a CSV file, part by part; see `pycosim.data.readers.read_parts`.
 
     Raises
     ------

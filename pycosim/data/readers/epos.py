@@ -22,7 +22,7 @@ _UNITS = {"ms": ("time", 1e-3), "s": ("time", 1.0), "rpm": ("velocity", 2 * math
 
 
 def read(path, wanted, text):
-    """Read one recording; see `pycosim.readers.read_parts`.
+    """Read one recording; see `pycosim.data.readers.read_parts`.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from . import Table, numbers
 
 
 def read(path, wanted, text):
-    """Read the wanted vectors of a MAT file; see `pycosim.readers.read_parts`.
+    """Read the wanted vectors of a MAT file; see `pycosim.data.readers.read_parts`.
 
     Raises
     ------

@@ -18,7 +18,7 @@ TIME = "time"
 
 
 def read(path, wanted, text):
-    """Read the wanted fields of an MCAP file; see `pycosim.readers.read_parts`.
+    """Read the wanted fields of an MCAP file; see `pycosim.data.readers.read_parts`.
 
     Raises
     ------

@@ -15,7 +15,7 @@ _ROWS = 2**17  # held at a time
 
 
 def parts(path, wanted, text):
-    """Read the wanted columns of a Parquet file, part by part; see `pycosim.readers.read_parts`.
+    """Read the wanted columns of a Parquet file, part by part; see `pycosim.data.readers.read_parts`.
 
     Raises
     ------
