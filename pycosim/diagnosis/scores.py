@@ -11,16 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from ..data.noise import contiguous, fit_noise
+from ..data.noise import fit_noise
+from .cycles import ripples
 from .excitation import FACTOR
-from .table import CYCLES, Candidate
 from ..fit import least_squares
 from ..fit.least_squares import bounded
 
 LEVEL = 0.01
 DRAWS = 1999
 PRESSED = 12.0  # variances that lifting a bound must win for its parameter not to absorb anything: 0.05 % by chance
-PEAKS = 4  # of the scan over the angle that are tested again, with the noise as fitted
 
 
 @dataclass
@@ -49,14 +48,20 @@ class Scores:
     def __init__(self, table, seed=0, draws=DRAWS):
         self.table, self.rng, self.draws = table, np.random.default_rng(seed), draws
         self.p = len(table.fit.free)
-        self.pieces = contiguous(table.time, table.group)
         self.weights, self.few = table.fit.weights, max(1, len(table.time) // 5000)
         self.candidates, self.columns = list(table.candidates), list(table.columns)
         self._noise()
-        self._scan_cycles()
+        self._search_ripples()
         self._whiten()
         self._test()
         self._refine()
+
+    def _search_ripples(self):
+        """Candidates with a number of cycles: the best of a fine scan, as ordinary columns."""
+        found = ripples(self.table, self.noise, self.draws, self.rng, len(self.columns))
+        self.candidates += found.candidates
+        self.columns += found.columns
+        self.scan_draws = found.chance
 
     # ---- noise of what the best mixture of candidates leaves
 
@@ -137,98 +142,7 @@ class Scores:
         independent = sum(n.independent(t.chain) for n in self.noise)
         self.dof = max(min(self.samples, independent) - used, 1)
 
-    # ---- cycles: a fine scan over the angle, then the best as ordinary columns
-
-    def _scan_cycles(self):
-        t, p = self.table, self.p
-        self.scan_draws = np.zeros(self.draws)
-        if not t.scans:
-            return
-        white = [noise.whiten(np.concatenate([t.slope[c], t.residual[c][None]]), t.chain)
-                 for c, noise in enumerate(self.noise)]
-        gram = sum(w @ w.T for w in white)
-        inverse = least_squares.invert(gram[:p, :p])[0]
-        step = inverse @ gram[:p, -1]
-        blocks = _sub_blocks(self.pieces, len(t.time))
-        drives = [noise.whiten_transposed(w[-1] - step @ w[:p], t.chain) for w, noise in zip(white, self.noise)]
-        base = [[noise.whiten_transposed(w[k], t.chain) for w, noise in zip(white, self.noise)] for k in range(p)]
-        own = np.array([np.bincount(blocks, sum(s[k] * d for s, d in zip(t.slope, drives)), blocks.max() + 1)
-                        for k in range(p)]).reshape(p, -1)
-        absorbed = inverse @ own
-        for effect, place in t.scans:
-            contribution = t.contribution(effect)
-            found = self._scan_place(contribution, place, (drives, blocks), base, absorbed)
-            if found is None:
-                continue
-            peaks, flips = found
-            self.scan_draws = np.maximum(self.scan_draws, flips)
-            for cycles in peaks:
-                self._add_cycles(contribution, place, cycles)
-
-    def _scan_place(self, contribution, place, residual, base, absorbed):
-        """Numbers of cycles that explain most, and the largest chance result of sign-flipped stretches.
-
-        Each stretch counts with what the base parameters absorb of it, so that flipped stretches vary as much as the
-        residual of a fit does.
-        """
-        t = self.table
-        frequency, quadrature = _periodic(contribution.effect)
-        phis = {c: [t.port_signals(contribution.effect, c, k)["flange.phi"] for k in range(len(t.takes))]
-                for c in place.components}
-        turns = max(np.ptp(np.concatenate(p)) for p in phis.values()) / (2 * np.pi)
-        if turns < 0.05:
-            return None
-        cycles = np.arange(max(1.0 / turns, 0.05), CYCLES, 0.25 / turns)
-        raw, shared, whole = 0.0, 0.0, np.zeros(len(t.time), dtype=int)
-        for component, angles in phis.items():
-            centres, counts = self._by_angle(component, angles, *residual)
-            angles_of, n = np.tile(centres, 2 * len(cycles)), np.tile(np.repeat(cycles, len(centres)), 2)
-            phase = np.repeat([0.0, np.pi / 2], len(centres) * len(cycles))
-            waves = contribution({"flange.phi": angles_of}, [], {frequency: n, quadrature: phase}, len(angles_of))[0, 0]
-            waves = waves.reshape(-1, len(centres)).T
-            raw = raw + counts @ waves
-            if base:
-                shared = shared + np.concatenate([self._by_angle(component, angles, b, whole)[1] for b in base]) @ waves
-        sums = raw - absorbed.T @ shared if base else raw
-        seen = (sums ** 2).sum(0) > 1e-3 * (raw ** 2).sum(0)
-        seen = np.tile(seen[:len(cycles)] & seen[len(cycles):], 2)
-        sine, cosine = (sums * seen)[:, :len(cycles)], (sums * seen)[:, len(cycles):]
-        value = _pair_statistic(sine.sum(0), cosine.sum(0), sine, cosine)
-        peaks = []
-        for k in np.argsort(-value):
-            if all(abs(cycles[k] - n) > 1 / turns for n in peaks):
-                peaks.append(float(cycles[k]))
-            if len(peaks) == PEAKS:
-                break
-        signs = self.rng.choice([-1.0, 1.0], (self.draws, len(sums)))
-        flipped = _pair_statistic(signs @ sine, signs @ cosine, sine, cosine).max(axis=1)
-        return peaks, flipped / 2
-
-    def _by_angle(self, component, angles, drives, blocks):
-        """Score of a torque at each small step of the angle, stretch by stretch."""
-        t = self.table
-        probe = t.probes.index(f"probe_{component}.dtau")
-        low, width = min(a.min() for a in angles), 2 * np.pi / (16 * CYCLES)
-        bins = int((max(a.max() for a in angles) - low) / width) + 1
-        counts = np.zeros((blocks.max() + 1) * bins)
-        for phi, response in zip(angles, t.responses):
-            drive = sum(response[c, probe] * d for c, d in enumerate(drives))
-            cell = blocks * bins + np.minimum(((phi - low) / width).astype(int), bins - 1)
-            counts += np.bincount(cell, drive, len(counts))
-        return low + (np.arange(bins) + 0.5) * width, counts.reshape(-1, bins)
-
-    def _add_cycles(self, contribution, place, cycles):
-        t = self.table
-        frequency, quadrature = _periodic(contribution.effect)
-        new = [sum(t.column(contribution, c, {frequency: cycles, quadrature: q})[0] for c in place.components)
-               for q in (0.0, np.pi / 2)]
-        start = len(self.columns)
-        self.columns += new
-        bound = contribution.question.variables[contribution.coefficients[0]].max
-        self.candidates.append(Candidate(
-            contribution.effect, place, {frequency: cycles, quadrature: 0.0}, [[start], [start + 1]],
-            [contribution.coefficients[0]], np.full(2, -bound), np.full(2, bound),
-            {"scanned": True, "phase": quadrature}))
+    # ---- what a candidate predicts
 
     def predicted(self, candidate, coefficients):
         """Error of each channel after adding a candidate, with the base refitted within its bounds.
@@ -466,29 +380,3 @@ def _grown(gram, own, cross, p):
     found[np.ix_([*range(p), n + m], new)] = cross
     found[np.ix_(new, [*range(p), n + m])] = cross.T
     return found
-
-
-def _periodic(effect):
-    """Names of the coefficients that are a number of cycles and a phase."""
-    kinds = {kind: c for c, kind in effect.scan.items()}
-    return kinds["cycles"], kinds["quadrature"]
-
-
-def _pair_statistic(s, c, sine, cosine):
-    """Quadratic form of a sine and cosine sum with the covariance of their stretches."""
-    vs, vc, vx = (sine ** 2).sum(0), (cosine ** 2).sum(0), (sine * cosine).sum(0)
-    det = np.maximum(vs * vc - vx ** 2, 1e-12 * vs * vc + 1e-300)
-    return (s ** 2 * vc - 2 * s * c * vx + c ** 2 * vs) / det
-
-
-def _sub_blocks(pieces, n, most=400):
-    """Number of a short stretch for every sample, about ``most`` of them."""
-    length = max(1, n // most)
-    label, k = np.empty(n, dtype=int), 0
-    for s in pieces:
-        count = max(1, (s.stop - s.start) // length)
-        edges = np.linspace(s.start, s.stop, count + 1).astype(int)
-        for a, b in zip(edges[:-1], edges[1:]):
-            label[a:b] = k
-            k += 1
-    return label

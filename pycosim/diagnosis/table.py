@@ -21,7 +21,6 @@ from ..data.residuals import Residuals
 from ..dynamics.delays import Record
 from ..dynamics.states import propagate
 
-CYCLES = 20.0  # highest number of cycles a revolution that is searched
 _LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
 _ENOUGH = 20000  # samples to test by; longer logs are thinned, the noise of the residual averaged ..
 _SHORT = 0.05  # .. over at most so many seconds

@@ -1,0 +1,78 @@
+"""Claims about the search for ripples: its sums are those by hand, chance is flat, hundreds of cycles are found."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pycosim.compile import Library, catalogue
+from pycosim.compile.contribution import Contribution
+from pycosim.compile.effects import Place
+from pycosim.data.noise import Chain, Noise
+from pycosim.diagnosis import cycles
+
+RIPPLE = Contribution(Library(), catalogue(Library())["torque_ripple"])
+N = 4000
+
+
+def table(residual, angle, slope, probe=1.0):
+    """What the search reads of a table: one channel, one motor, one record."""
+    n = len(angle)
+    time = 0.01 * np.arange(n)
+    return SimpleNamespace(
+        fit=SimpleNamespace(free=["a"] * len(slope)), chain=Chain(np.r_[np.inf, np.diff(time)]),
+        time=time, group=np.zeros(n, dtype=int), slope=slope[None], residual=residual[None],
+        responses=[np.full((1, 1, n), probe)], probes=["probe_motor.dtau"], takes=[None],
+        scans=[(RIPPLE.effect, Place("motor", ("motor",)))], contribution=lambda effect: RIPPLE,
+        port_signals=lambda effect, component, term: {"flange.phi": angle},
+        column=lambda contribution, component, grid: RIPPLE(
+            {"flange.phi": angle}, [], grid, n)[0])
+
+
+def motion(turns, n=N):
+    """There at one speed, back at another."""
+    return 2 * np.pi * turns * np.interp(np.arange(n), [0, 0.6 * n, n], [0.0, 1.0, 0.0])
+
+
+def test_sums_over_an_uneven_angle_are_those_by_hand():
+    rng = np.random.default_rng(0)
+    angle, strength = rng.uniform(-3, 40, 500), rng.standard_normal(500)
+    sums = cycles._Fourier(angle, strength, np.array([0, 120, 500]))
+    some = 0.4 + 0.031 * np.arange(101)
+    by_hand = [np.exp(1j * np.outer(some, angle[part])) @ strength[part] for part in (slice(120), slice(120, None))]
+    np.testing.assert_allclose(sums(some), by_hand, atol=1e-3)
+
+
+@pytest.mark.parametrize("wanted", [3.3, 47.0, 141.0])
+def test_a_ripple_of_any_number_of_cycles_that_the_sampling_shows_is_found(wanted):
+    rng = np.random.default_rng(1)
+    angle = motion(8)
+    seen = table(0.3 * np.sin(wanted * angle + 1.0) + rng.standard_normal(N), angle, np.ones((1, N)))
+    found = cycles.ripples(seen, [Noise(1.0)], 199, rng)
+    assert abs(found.candidates[0].grid["n"] - wanted) < 0.05
+    assert [c.parts for c in found.candidates] == [[[2 * k], [2 * k + 1]] for k in range(cycles.PEAKS)]
+
+
+def test_the_highest_number_of_cycles_has_two_samples_each_on_the_slow_way():
+    angle = motion(5)
+    tried = cycles._cycles(table(np.zeros(N), angle, np.ones((1, N))), RIPPLE, Place("motor", ("motor",)))
+    assert tried[0] == pytest.approx(1 / 5) and tried[-1] == pytest.approx(0.6 * N / 5 / 2, rel=0.01)
+
+
+@pytest.mark.parametrize("noise", ["even", "grows", "offset"])
+def test_chance_is_flat_where_nothing_is_hidden(noise):
+    angle, below = motion(6, 1500), []
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        e = rng.standard_normal(1500)
+        e = {"even": e, "grows": e * np.linspace(0.5, 2.5, 1500), "offset": e + 0.7}[noise]
+        slope = np.array([np.ones(1500), np.cos(angle / 6)])
+        left = e - slope.T @ np.linalg.lstsq(slope.T, e, rcond=None)[0]
+        seen = table(left, angle, slope)
+        scores = cycles._Scores.of(seen, [Noise(1.0)])
+        signs = rng.choice(np.array([-1.0, 1.0], dtype=np.float32), (199, scores.stretches))
+        place = seen.scans[0][1]
+        value, chance = cycles._scan(seen, scores, RIPPLE, place, cycles._cycles(seen, RIPPLE, place), signs)
+        below.append(np.mean(chance >= value.max()))
+    assert 0.01 <= np.mean(np.array(below) < 0.1) <= 0.20
+    assert 0.35 <= np.mean(np.array(below) < 0.5) <= 0.65
