@@ -1,0 +1,261 @@
+"""Make logs of adverse worlds, diagnose each through the command line, judge what it says, and print the table.
+
+    python -m benchmarks.real_logs.run --conditions digital,gait --seeds 4 --out rows.jsonl [--quick] [--list]
+    python -m benchmarks.real_logs.run summary rows.jsonl [--table status.md]
+
+Each condition has `--seeds` logs with nothing hidden and `--hidden` times as many with effects; rows that the output
+file already holds are not run again. `--conditions all` is every condition, `measured` the studies of `examples` on
+measured data beside the project. Each run has a limit of time and of memory, and its peak memory is recorded.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from benchmarks.real_logs import cases
+from benchmarks.real_logs.make import ROOT, make
+from benchmarks.real_logs.score import score
+
+LIMIT_SECONDS, LIMIT_BYTES = 300.0, 4 << 30
+MEASURED = ("screw_drives/drive1", "screw_drives/drive2", "servo_pendulum/study", "emps/study", "double_pendulum/study")
+
+
+def run(case, verb="improve", keep=None):
+    """Make a case, run a verb on it, and say what came of it.
+
+    Parameters
+    ----------
+    case : Case
+    verb : str
+        improve or diagnose.
+    keep : Path, optional
+        Folder to leave logs and results in.
+
+    Returns
+    -------
+    dict
+        A row: what was hidden, verdicts, steps with their alternatives, seconds, peak memory, and the judgement.
+    """
+    row = {"case": case.name, "condition": case.condition, "what": case.what, "seed": case.seed, "quick": case.quick}
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(keep or folder) / case.name.replace(":", "_")
+        try:
+            study = make(case, folder)
+        except ValueError as error:
+            return {**row, "skipped": str(error)}
+        truth = json.loads((folder / "truth.json").read_text())
+        row |= {n: truth[n] for n in ("hidden", "coefficients", "sizes", "samples", "floor")}
+        row |= call(verb, study, folder / "out")
+        if case.condition == "mistake":
+            row["findings"] += findings(study, folder / "check")
+    row["score"] = score(row)
+    return row
+
+
+def call(verb, study, out):
+    """Run a verb of the command line on a study, within limits; what it said, as plain values.
+
+    Parameters
+    ----------
+    verb : str
+    study, out : Path
+
+    Returns
+    -------
+    dict
+    """
+    started = time.perf_counter()
+    code, text, errors, peak = _command([verb, str(study), "--out", str(out), "--quiet"])
+    found = {"seconds": round(time.perf_counter() - started, 1), "peak_mib": round(peak / 2 ** 20), "exit": code,
+             "verdict": None, "final": None, "steps": [], "depends": [], "findings": [], "blocked": False,
+             "failure": ""}
+    said = (errors.strip() or text.strip()).splitlines()
+    if code is None:
+        return {**found, "failure": f"over {LIMIT_SECONDS:g} s"}
+    if "Traceback" in errors or code == 1 or code < 0:
+        return {**found, "failure": said[-1][:300] if said else f"exit {code}"}
+    if code == 2:
+        known = [k for k in KINDS if any(word in errors.lower() for word in KINDS[k])]
+        return {**found, "blocked": True, "message": " ".join(said)[:600], "findings": known}
+    return found | _said(out)
+
+
+# Words by which a blocking sentence is recognised where `check.json` is not at hand.
+KINDS = {"sign": ("negate", "sign"), "swap": ("swap",), "scale": ("scale", "factor"), "unit": ("degree", "unit", "counts",
+         "millisecond", "rpm", "mn.m"), "wrap": ("wrap",), "stuck": ("stuck", "does not change", "constant"),
+         "clock": ("clock", "drift"), "shift": ("late", "shift"), "clipped": ("clip",), "rate": ("rate",)}
+
+
+def findings(study, out):
+    """Kinds of findings that `pycosim check` lists; none where the verb is missing."""
+    code, _, _, _ = _command(["check", str(study), "--out", str(out), "--quiet"])
+    path = out / "check.json"
+    return [f["kind"] for f in json.loads(path.read_text())["findings"]] if path.exists() else []
+
+
+def _command(arguments):
+    """Exit code (None where time ran out), output, errors and peak memory, bytes."""
+    def limited():
+        resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    with tempfile.TemporaryFile("w+") as text, tempfile.TemporaryFile("w+") as errors:
+        child = subprocess.Popen([sys.executable, "-m", "pycosim.cli", *arguments], stdout=text, stderr=errors,
+                                 env=environment, preexec_fn=limited)
+        code, peak, stop = None, 0, time.monotonic() + LIMIT_SECONDS
+        while time.monotonic() < stop and code is None:
+            pid, status, usage = os.wait4(child.pid, os.WNOHANG)
+            if pid:
+                code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss * 1024
+                child.returncode = code
+            else:
+                time.sleep(0.2)
+        if code is None:
+            child.kill()
+            child.wait()
+        text.seek(0)
+        errors.seek(0)
+        return code, text.read(), errors.read(), peak
+
+
+def _said(out):
+    """Verdicts and steps that a verb left."""
+    first = json.loads((out / "diagnosis.json").read_text())
+    last, steps = first, []
+    if (out / "diagnosis_final.json").exists():
+        last = json.loads((out / "diagnosis_final.json").read_text())
+    known = {(c["effect"], c["place"]): c for c in [*last["candidates"], *first["candidates"]]}
+    if (out / "ladder.json").exists():
+        ladder = json.loads((out / "ladder.json").read_text())["steps"]
+        for before, step in zip(ladder, ladder[1:]):
+            name = step["added"]["effect"], step["added"]["place"]
+            twins = step.get("twins", known.get(name, {}).get("twins", []))
+            steps.append({"added": list(name), "twins": [[t["effect"], t["place"]] for t in twins],
+                          "before": before["held_out_error"], "after": step["held_out_error"],
+                          "coefficients": {n: [v["value"], *v["ci95"]] for n, v in
+                                           known.get(name, {}).get("coefficients", {}).items()}})
+    best = [[c["effect"], c["place"], c["p_value"]] for c in first["candidates"][:3]]
+    return {"verdict": first["verdict"], "final": last["verdict"], "steps": steps, "best": best,
+            "depends": [[d["variable"], round(d["strength"], 3)] for d in last.get("residual_depends_on", [])[:3]]}
+
+
+def measured():
+    """Run the studies of `examples` on measured data, where both exist.
+
+    Yields
+    ------
+    dict
+    """
+    for name in MEASURED:
+        study = ROOT / "examples" / f"{name}.toml"
+        if study.exists():
+            with tempfile.TemporaryDirectory() as out:
+                yield {"case": f"measured:{name}", "condition": "measured", "hidden": [], "seed": 0,
+                       **call("improve", study, Path(out) / "out")}
+
+
+# --- summary
+
+
+def summary(rows):
+    """The table, condition by condition.
+
+    Parameters
+    ----------
+    rows : list of dict
+
+    Yields
+    ------
+    str
+        Lines of Markdown.
+    """
+    rows = [r for r in rows if "skipped" not in r]
+    yield "| condition | logs | right | undecided | missed | wrong | blocked | failed | seconds (median, most) | MiB |"
+    yield "|---|---|---|---|---|---|---|---|---|---|"
+    groups = defaultdict(list)
+    for r in (r for r in rows if r["condition"] != "measured"):
+        groups[r["condition"], "nothing hidden" if not r["hidden"] else "hidden"].append(r)
+    for (condition, kind), some in groups.items():
+        some = [{**r, "score": score(r)} for r in some]
+        count = [sum(r["score"] in s for r in some) for s in (
+            ("right",), ("undecided",), ("missed",), ("wrong", "misnamed"), ("blocked",), ("failed",))]
+        seconds = sorted(r["seconds"] for r in some)
+        yield (f"| {condition}, {kind} | {len(some)} | {' | '.join(map(str, count))} | "
+               f"{seconds[len(seconds) // 2]:.0f}, {seconds[-1]:.0f} | {max(r['peak_mib'] for r in some)} |")
+    yield ""
+    for r in rows:
+        judged = score(r) if r["condition"] != "measured" else "measured"
+        if judged != "right":
+            yield f"- {judged}: `{r['case']}` {told(r)}"
+
+
+def told(row):
+    """What was said of a log, in a line."""
+    if row["failure"]:
+        return f"{row['failure']} (after {row['seconds']:g} s)"
+    hidden = ", ".join(f"{e}@{p} ({s:.2f})" for (e, p), s in zip(row["hidden"], row.get("sizes", []))) or "nothing"
+    if row["blocked"]:
+        return f"hidden {hidden}: {row.get('message', 'blocked')[:240]}"
+    steps = "; ".join("@".join(s["added"]) + (f" (or {', '.join('@'.join(t) for t in s['twins'])})" if s["twins"] else
+                                              "") for s in row["steps"])
+    best = ", ".join(f"{e}@{p} p={v:.3g}" for e, p, v in row.get("best", []))
+    return (f"hidden {hidden}: {row['verdict']} -> {steps or 'no effect'} -> {row['final']}; "
+            f"first: {best}; depends on {row['depends']}")
+
+
+def main():
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("action", nargs="*", help="summary FILE...")
+    parser.add_argument("--conditions", default="plain")
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--hidden", type=int, default=2)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--verb", default="improve", choices=("improve", "diagnose"))
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--list", action="store_true")
+    parser.add_argument("--keep", type=Path)
+    parser.add_argument("--table", type=Path)
+    parser.add_argument("--out", type=Path, default=Path("real_logs.jsonl"))
+    args = parser.parse_args()
+    if args.action:
+        rows = [json.loads(line) for path in args.action[1:] for line in Path(path).read_text().splitlines()]
+        lines = "\n".join(summary(rows))
+        print(lines)
+        if args.table:
+            args.table.write_text(lines + "\n")
+        return
+    wanted = list(cases.CONDITIONS) if args.conditions == "all" else args.conditions.split(",")
+    planned = cases.listed([c for c in wanted if c != "measured"], args.seeds, args.first, args.hidden, args.quick)
+    if args.list:
+        print("\n".join(c.name for c in planned))
+        return
+    _work(planned, args, "measured" in wanted)
+
+
+def _work(planned, args, with_measured):
+    """Run what the output file does not hold yet; a row a line, as they come."""
+    known = [json.loads(line)["case"] for line in args.out.read_text().splitlines()] if args.out.exists() else []
+    with args.out.open("a") as out, ThreadPoolExecutor(args.jobs) as pool:
+        def write(row):
+            out.write(json.dumps(row, default=float) + "\n")
+            out.flush()
+            print(row.get("score", row.get("skipped", "measured")), row["case"], flush=True)
+        for row in pool.map(lambda c: run(c, args.verb, args.keep), [c for c in planned if c.name not in known]):
+            write(row)
+        for row in measured() if with_measured else ():
+            write(row)
+
+
+if __name__ == "__main__":
+    main()

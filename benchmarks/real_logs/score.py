@@ -1,0 +1,123 @@
+"""In: a row of `run` with what was hidden and what was said. Out: right, undecided, missed or wrong, and why.
+
+- **right**: every hidden effect is named, first or among its at most three named alternatives, at its place; with
+  nothing hidden, *nothing missing*. Where the condition itself is an error of a channel or of the reference, naming
+  that error is right too.
+- **undecided**: nothing wrong is named, and the verdict is *unexplained* or *not enough excitation* (of a diagnosis
+  that found a part, the verdict on what is left).
+- **missed**: *nothing missing* although something is hidden.
+- **wrong**: an accepted effect is none of the hidden ones, nor has one among its alternatives.
+- **failed**: a traceback, the limit of time or memory, or another exit than was due.
+"""
+
+from __future__ import annotations
+
+from benchmarks.real_logs import cases
+from benchmarks.real_logs import effects as laws
+from benchmarks.real_logs.mistakes import MISTAKES
+
+ALTERNATIVES = 3
+# What no log of this rig can tell apart, from the contract's list: the oracle would not either.
+SAME = [{("torque_offset", f"motor{i}"), ("direction_asymmetry", f"{i}A")} for i in (1, 2)] + [
+    {("torque_offset", "motor1+motor2"), ("direction_asymmetry", "1A+2A")}] + [
+    {(e, p) for p in ("1B", "2B", "1B+2B")} for e in (
+        "viscous", "stribeck", "sublinear_viscous", "thermal_drift", "temperature_dependence", "presliding",
+        "configuration_preload")]
+# A law of the catalogue may stand in for one of these where the catalogue has it under the same name.
+OWN_NAME = {"dwell": "dwell", "friction_lag": "friction_lag"}
+
+
+def same(told, true):
+    """Whether an effect at a place is the hidden one, or one that no log could tell from it.
+
+    Parameters
+    ----------
+    told, true : (str, str)
+
+    Returns
+    -------
+    bool
+    """
+    if told == true or any(told in group and true in group for group in SAME):
+        return True
+    return told[0] == true[0] == "torque_ripple" and told[1] in true[1]
+
+
+def names(row):
+    """What may be named in a case: hidden effects, and what names the condition.
+
+    Parameters
+    ----------
+    row : dict
+
+    Returns
+    -------
+    hidden, condition : list of (str, str)
+    """
+    hidden = [tuple(h) for h in row["hidden"]]
+    hidden = [h for h in hidden if h[0] not in laws.OUTSIDE or h[0] in OWN_NAME]
+    return hidden, list(cases.CONDITIONS[row["condition"]].named)
+
+
+def fits(step, wanted):
+    """Whether a step names one of the wanted, first or as one of at most three alternatives."""
+    told = [tuple(step["added"]), *map(tuple, step["twins"][:ALTERNATIVES])]
+    return any(same(t, w) or (w[1] == "*" and t[0] == w[0]) for t in told for w in wanted)
+
+
+def score(row):
+    """Judge a row.
+
+    Parameters
+    ----------
+    row : dict
+
+    Returns
+    -------
+    str
+        right, undecided, missed, wrong or failed.
+    """
+    if row["condition"] == "mistake":
+        return _mistake(row)
+    if row["failure"]:
+        return "failed"
+    hidden, condition = names(row)
+    steps = row["steps"]
+    if row["blocked"]:
+        return "blocked"
+    if any(not fits(s, [*hidden, *condition]) for s in steps):
+        return "wrong"
+    outside = [h for h in row["hidden"] if h[0] in laws.OUTSIDE]
+    if outside and not steps:
+        return "right" if row["verdict"] == "unexplained" else (
+            "undecided" if row["verdict"] == "not_enough_excitation" else "missed")
+    if all(any(fits(s, [h]) for s in steps) for h in hidden) and (steps or not condition):
+        open_ends = row["final"] in ("unexplained", "not_enough_excitation")
+        if steps and open_ends and not condition:
+            return "right"  # the hidden ones are found; what is said of the rest is counted by itself
+        return "right" if steps or row["verdict"] == "nothing_missing" else _open(row)
+    return _open(row)
+
+
+def _open(row):
+    return "undecided" if row["final"] in ("unexplained", "not_enough_excitation") else "missed"
+
+
+def _mistake(row):
+    """Named as such; physics named instead is wrong. Discrete ones must stop the diagnosis."""
+    _, kinds, discrete = MISTAKES[row["what"]]
+    if row["failure"]:
+        return "failed"
+    named = any(k in row["findings"] for k in kinds)
+    if row["blocked"]:
+        return "right" if named else "misnamed"
+    channel = {"late_50ms": ("time_delay", "low_pass"), "torque_late_50ms": ("time_delay", "low_pass"),
+               "filtered_reference": ("low_pass", "time_delay"), "clipped": ("torque_saturation",),
+               "reference_zero_offset": ("reference_offset", "joint_spring", "torque_offset"),
+               "torque_gain": ("torque_constant",)}.get(row["what"], ())
+    told = ({s["added"][0], *(t[0] for t in s["twins"][:ALTERNATIVES])} for s in row["steps"])
+    if any(not names & set(channel) for names in told):
+        return "wrong"
+    if discrete:
+        return "undecided" if named else "missed"
+    return "right" if named or row["steps"] else "missed"
