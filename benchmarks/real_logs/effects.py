@@ -1,7 +1,8 @@
 """In: the name of an effect or of a law outside the catalogue. Out: what it changes in a machine, and a random draw.
 
-A friction effect changes the terms of a segment (`machines.Segment`) in place; what acts on a motor, a channel, a joint
-or an angle is asked for by name where `machines` computes that. Equations: the contract's table; units on the motor side.
+A friction effect changes the terms of a segment (`machines.Segment`) in place; what acts on a motor, a channel, a
+joint or an angle is asked for by name where `machines` computes that. Equations: those of the library's table of
+effects, written anew; units on the motor side.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ class Effect:
     Parameters
     ----------
     id, place : str
-        As in the contract; a joined place as ``1A+2A``.
+        As the library calls them; a joined place as ``1A+2A``.
     values : dict of str to float
         Coefficients in SI units.
     """

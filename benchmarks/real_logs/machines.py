@@ -2,7 +2,7 @@
 
 Inverse dynamics: the motion is prescribed, the joints' torques follow from gravity and inertia, and the transmission is
 gone through backwards to the motors. The mean loads of all segments are found together by a fixed-point iteration
-(a segment loses a small part of its load, so that it contracts). Equations: the pages on the paper and the contract;
+(a segment loses a small part of its load, so that it contracts). Equations: Nobili et al., all four quadrants;
 nothing of pycosim. Units: rad, rad/s, N.m, s, kg; motor side unless it is called a joint.
 """
 
@@ -24,7 +24,7 @@ ITERATIONS, CONVERGED = 80, 1e-9
 
 @dataclass
 class Segment:
-    """What a segment's friction is made of, sample by sample: lost torque = s (F0 + c |L| + ..) + what follows the load.
+    """What a segment's friction is made of, sample by sample: it loses s (F0 + c |L| + ..).
 
     Parameters
     ----------

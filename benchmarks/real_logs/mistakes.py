@@ -1,5 +1,4 @@
-"""In: the columns of a sound hip-knee log. Out: the same with one mistake of wiring or units, and how it is to be named.
-"""
+"""In: columns of a sound hip-knee log. Out: the same with one mistake of wiring or units, and what names it."""
 
 from __future__ import annotations
 

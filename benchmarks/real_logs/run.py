@@ -91,9 +91,10 @@ def call(verb, study, out):
 
 
 # Words by which a blocking sentence is recognised where `check.json` is not at hand.
-KINDS = {"sign": ("negate", "sign"), "swap": ("swap",), "scale": ("scale", "factor"), "unit": ("degree", "unit", "counts",
-         "millisecond", "rpm", "mn.m"), "wrap": ("wrap",), "stuck": ("stuck", "does not change", "constant"),
-         "clock": ("clock", "drift"), "shift": ("late", "shift"), "clipped": ("clip",), "rate": ("rate",)}
+KINDS = {"sign": ("negate", "sign"), "swap": ("swap",), "scale": ("scale", "factor"),
+         "unit": ("degree", "unit", "counts", "millisecond", "rpm", "mn.m"), "wrap": ("wrap",),
+         "stuck": ("stuck", "does not change", "constant"), "clock": ("clock", "drift"), "shift": ("late", "shift"),
+         "clipped": ("clip",), "rate": ("rate",)}
 
 
 def findings(study, out):

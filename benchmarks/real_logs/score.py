@@ -17,7 +17,7 @@ from benchmarks.real_logs import effects as laws
 from benchmarks.real_logs.mistakes import MISTAKES
 
 ALTERNATIVES = 3
-# What no log of this rig can tell apart, from the contract's list: the oracle would not either.
+# What no log of this rig can tell apart: the oracle would not either.
 SAME = [{("torque_offset", f"motor{i}"), ("direction_asymmetry", f"{i}A")} for i in (1, 2)] + [
     {("torque_offset", "motor1+motor2"), ("direction_asymmetry", "1A+2A")}] + [
     {(e, p) for p in ("1B", "2B", "1B+2B")} for e in (

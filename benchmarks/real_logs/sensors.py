@@ -1,4 +1,4 @@
-"""In: what is true, and a world of sensors. Out: the columns of a log, with noise, steps, filters, errors and spikes."""
+"""In: what is true, and a world of sensors. Out: the columns of a log: noise, steps, filters, errors and spikes."""
 
 from __future__ import annotations
 
