@@ -135,7 +135,7 @@ def template(library, rig, runs, modelica=()):
     from ..compile import catalogue, compile_model, places
     from ..study.schema import MOST
     from ..study.template import first_parameters
-    from ..study.write import to_toml
+    from ..study.toml import to_toml
     model = compile_model(library, rig)
     wanted, known = model.alternatives("estimate")[0]
     question = model.question("estimate")

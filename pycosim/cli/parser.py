@@ -59,6 +59,8 @@ EXPORT = {
     "--platforms": (("host", "all"), "host", "binaries for this machine, or for linux, windows and macOS"),
     "--real": (("double", "float"), "double", "numbers of the C export"),
 }
+ROBUST = ("identify", "diagnose", "add", "improve", "report")
+"""Verbs whose fits can be told to count samples that are far out for less."""
 PLAN = ("--goal", "--budget", "--rate", "--criterion", "--between")
 
 
@@ -123,6 +125,9 @@ def build_parser():
             sub.add_argument(option, choices=choices, default=usual, help=f"{meaning} (default: {usual})")
         if verb == "plan":
             _plan_options(sub)
+        if verb in ROBUST:
+            sub.add_argument("--robust", action="store_true",
+                             help="count samples that are far out for less, as [fit] robust = true does")
         reads = verb not in ("demo", "export", "cosim")
         sub.add_argument("--data", nargs="+", metavar="FILE",
                          help="logs, instead of the study's own" if reads else argparse.SUPPRESS)
@@ -187,6 +192,7 @@ def parse(argv):
         what = "option" if unknown[0].startswith("-") else "argument"
         known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
         known += EXPORT if known and arguments.verb == "export" else []
+        known += ["--robust"] if known and arguments.verb in ROBUST else []
         known += PLAN if known and arguments.verb == "plan" else []
         known += ["--until", "--resume", "--checkpoint-every"] if known and arguments.verb == "cosim" else []
         known += ["--port", "--no-browser"] if known and arguments.verb == "app" else []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -30,6 +31,8 @@ class Run:
         self.study, self.given = load_study(arguments.study), arguments.data
         if arguments.data:
             self.study = self.study.with_data(arguments.data)
+        if getattr(arguments, "robust", False):
+            self.study = replace(self.study, robust=True)
         self.library = Library(self.study.modelica)
         self.model = self.study.validate(self.library)
         self.out = Path(arguments.out or f"{self.study.name}_{self.verb}")
@@ -302,6 +305,10 @@ def checked_effect(run, text):
     if not wanted:
         find_place(run.library, run.study.rig, effect, "")
     acting = {(e.id, c): p.name for e, p in run.model.attached for c in p.components}
+    allowed = [p for p in wanted if not run.study.rules_out(name, p.name)]
+    if not allowed:
+        raise StudyError(f"{run.study.path}: '{text}' is among [data] rejected; take it out there to add it")
+    wanted = allowed
     free = [p for p in wanted if not any((name, c) in acting for c in p.components)]
     if not free:
         where = next(acting[name, c] for p in wanted for c in p.components if (name, c) in acting)

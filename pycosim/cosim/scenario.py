@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..core.errors import ScenarioError, closest
 from ..study.parse import Source
-from ..study.write import to_toml
+from ..study.toml import to_toml
 
 METHODS = ("gauss-seidel", "jacobi")
 KINDS = {  # key that says what a component is: keys that go with it

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,8 @@ class Gathered:
         Column of the labels; a log may lack it.
     every : int
         Rows a mean; 1 keeps all rows.
+    span : (float, float), optional
+        First and last time [s] of the rows that are used.
     dropped : list of (int, int)
         First and last row of each stretch left out.
     """
@@ -44,6 +46,7 @@ class Gathered:
     numbers: list
     text: str
     every: int = 1
+    span: tuple | None = None
     dropped: list = field(default_factory=list)
 
     def __post_init__(self):
@@ -52,6 +55,7 @@ class Gathered:
         self._last = None  # time and row of the last sample
         self._steps, self._wrong, self._wrong_count = [], None, 0
         self._rest, self._done = None, []
+        self._reach = (np.inf, -np.inf)  # of the times of the whole file
 
     def add(self, table):
         """Take in the next part.
@@ -61,6 +65,8 @@ class Gathered:
         table : Table
         """
         names = [*self.numbers, *([self.text] if self.text in table.columns else [])]
+        if self.span is not None:
+            table = self._cut(table, names)
         keep = self._usable(table)
         part = {n: table.columns[n][keep] for n in names}
         part[self.clock] = self.to_seconds(part[self.clock])
@@ -98,12 +104,24 @@ class Gathered:
         if self._rest is not None:
             self._done.append(_means(*self._rest, np.zeros(1, dtype=int)))
         count = sum(rows.size for _, rows in self._done)
+        if count < 2 and self.span is not None and not self._rows and self._reach[0] < np.inf:
+            raise DataError(f"{self.path}: no row lies within time = [{self.span[0]:g}, {self.span[1]:g}] s; the log "
+                            f"runs from {self._reach[0]:g} to {self._reach[1]:g} s")
         if count < 2:
             raise DataError(f"{self.path}: has {'one usable row' if count else 'no usable rows'} of data; "
                             "a log needs at least two")
         self._refuse_time()
         columns = {n: np.concatenate([part[n] for part, _ in self._done]) for n in self._done[0][0]}
         return columns, np.concatenate([rows for _, rows in self._done])
+
+    def _cut(self, table, names):
+        """The rows of a part that lie within the span; one without a time stays, to be refused."""
+        seconds = np.asarray(self.to_seconds(table.columns[self.clock]), dtype=float)
+        known = seconds[np.isfinite(seconds)]
+        if known.size:
+            self._reach = min(self._reach[0], float(known.min())), max(self._reach[1], float(known.max()))
+        inside = ~((seconds < self.span[0]) | (seconds > self.span[1]))
+        return replace(table, rows=table.rows[inside], columns={n: table.columns[n][inside] for n in names})
 
     def _usable(self, table):
         """Rows that lack no number; the others are noted."""

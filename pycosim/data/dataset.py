@@ -560,10 +560,7 @@ class Dataset:
         found = dict(model.parameters)
         for name, setting in self.study.parameters.items():
             if name in found:
-                v = found[name]
-                found[name] = replace(v, value=v.value if setting.value is None else setting.value,
-                                      min=v.min if setting.min is None else setting.min,
-                                      max=v.max if setting.max is None else setting.max)
+                found[name] = setting.applied(found[name])
         for effect, place in model.attached:  # fewer than one cycle over the travel would be an offset, not a ripple
             for coefficient in [c for c, kind in effect.scan.items() if kind == "cycles"]:
                 name = f"{component_name(effect, place)}.{coefficient}"

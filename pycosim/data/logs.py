@@ -101,15 +101,18 @@ def read_log(path, study):
         The file, a row or a column cannot be used; the message names it and says what to do.
     """
     path = Path(path)
-    count, tables = read_parts(path, study.reader, {*study.columns, study.time_column}, study.labels)
+    clocks = {study.time_column} if study.rate is None else set()
+    count, tables = read_parts(path, study.reader, {*study.columns, *clocks}, study.labels, study.header)
     first = next(tables)
     used = {n: c for n, c in study.columns.items() if n in first.columns and n != study.time_column}
     _check_columns(path, first, study, used)
     # the scatter within a file that is one sample needs every row
     every = 1 if study.average == "file" else max(1, math.ceil(count / study.most))
     clock = study.columns[study.time_column].si if study.time_column in study.columns else np.asarray
-    gathered = Gathered(path, study.time_column, clock, [study.time_column, *used], study.labels, every)
+    gathered = Gathered(path, study.time_column, clock, [study.time_column, *used], study.labels, every, study.time)
     for table in itertools.chain([first], tables):
+        if study.rate is not None:
+            table.columns[study.time_column] = (table.rows - first.rows[0]) / study.rate
         gathered.add(table)
     columns, rows = gathered.finish(study.drop_outs)
     meta = first.meta | ({"file_rows": count, "means_of": every} if every > 1 else {})
@@ -175,9 +178,10 @@ def require_alike(logs, names):
 
 
 def _check_columns(path, table, study, used):
-    if study.time_column not in table.columns:
+    if study.rate is None and study.time_column not in table.columns:
         raise DataError(f"{path}: no column '{study.time_column}' for the time"
-                        f"{closest(study.time_column, table.header)}; rename it, or set [data] time_column")
+                        f"{closest(study.time_column, table.header)}; rename it, set [data] time_column, or [data] rate "
+                        "where there is none")
     if study.labels != "manoeuvre" and study.labels not in table.columns:
         raise DataError(f"{path}: no label column '{study.labels}'{closest(study.labels, table.header)}")
     if not study.columns:

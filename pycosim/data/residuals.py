@@ -197,7 +197,7 @@ class Residuals:
         weights : sequence of float
             One a channel.
         robust : bool
-            Weigh residuals beyond 1.345 median spreads down (Huber).
+            Weigh residuals that are far out down; see `huber`.
 
         Returns
         -------
@@ -205,14 +205,32 @@ class Residuals:
         """
         p = len(self.free)
         total = np.zeros((p + 1, p + 1))
-        for _, residual, slope in self.blocks(x):
+        trust = np.sqrt(huber(self.residual(x))) if robust else None
+        for part, residual, slope in self.blocks(x):
             for c, weight in enumerate(weights):
                 stacked = np.vstack([slope[c], residual[c][None]]) * weight
                 if robust:
-                    size = np.abs(residual[c]) / (1.4826 * np.median(np.abs(residual[c])) + 1e-300)
-                    stacked *= np.sqrt(np.minimum(1.0, 1.345 / np.maximum(size, 1e-9)))
+                    stacked *= trust[c, part]
                 total += stacked @ stacked.T
         return total
+
+
+def huber(residual):
+    """Weights of samples by how far out they are (P. J. Huber, *Robust Estimation of a Location Parameter*, 1964).
+
+    Parameters
+    ----------
+    residual : ndarray, shape (channels, n)
+
+    Returns
+    -------
+    ndarray, shape (channels, n)
+        1 up to 1.345 median spreads of the channel, where 95 % of the efficiency at normal noise is kept; beyond, as
+        one over the distance.
+    """
+    spread = 1.4826 * np.median(np.abs(residual), axis=1, keepdims=True)
+    spread[spread == 0] = np.inf
+    return np.minimum(1.0, 1.345 * spread / np.maximum(np.abs(residual), 1e-300))
 
 
 def _slice(value, where):

@@ -135,9 +135,7 @@ def known(study, library, model, dataset=None, fit=None):
     if fit is not None:
         return Known(study, library, model, dataset, fit, info, fit.free, fit.parameters, prior_of(fit),
                      noise_of(fit, info), workspace, False)
-    variables = {n: replace(v, **{k: getattr(study.parameters[n], k) for k in ("value", "min", "max")
-                                  if getattr(study.parameters[n], k) is not None}) if n in study.parameters else v
-                 for n, v in model.parameters.items()}
+    variables = {n: study.parameters[n].applied(v) if n in study.parameters else v for n, v in model.parameters.items()}
     values = {n: v.value for n, v in variables.items()}
     free = [n for n, s in study.parameters.items() if s.fixed is False and n in model.parameters]
     found = Known(study, library, model, None, None, info, free, values, prior_of(None, free, variables), [],

@@ -42,7 +42,9 @@ def undetectable(table, scores):
         names = ", ".join(dict.fromkeys(missing))
         found.append({"effect": effect.id, "place": place.name, "why": f"not in the log: {names}",
                       "experiment": notes.get("experiment", f"log {names}")})
-    return found
+    return found + [{"effect": effect.id, "place": place.name, "why": "ruled out by the study",
+                     "experiment": "take it out of [data] rejected"}
+                    for effect, place in table.rejected]
 
 
 def smallest(scores, level):

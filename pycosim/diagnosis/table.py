@@ -271,7 +271,7 @@ class Table:
     # ---- which candidates
 
     def _catalogue(self):
-        self.offers, self.scans, self.unavailable = [], [], []
+        self.offers, self.scans, self.unavailable, self.rejected = [], [], [], []
         attached = {(e.id, p.name) for e, p in self.model.attached}
         touched = {(e.id, c) for e, p in self.model.attached for c in p.components}
         for effect in catalogue(self.library).values():
@@ -279,6 +279,9 @@ class Table:
                 if (effect.id, place.name) in attached or any((effect.id, c) in touched for c in place.components):
                     continue
                 if effect.replaces and any(f"{c}.{effect.replaces}" in self.fit.free for c in place.components):
+                    continue
+                if self.dataset.study.rules_out(effect.id, place.name):
+                    self.rejected.append((effect, place))
                     continue
                 missing = self._missing(effect, place)
                 if missing:

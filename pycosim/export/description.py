@@ -260,7 +260,11 @@ class _Builder:
                      sizes, self._terminals())
 
     def _described(self, name):
-        return replace(self.flat.variables.get(name) or self.flat.parameters.get(name) or Variable(name), name=name)
+        v = replace(self.flat.variables.get(name) or self.flat.parameters.get(name) or Variable(name), name=name)
+        if name in self.study.parameters:  # a study may widen the rig's bounds; its narrower ones are those of a fit
+            wanted = self.study.parameters[name].applied(v)
+            v = replace(v, min=min(v.min, wanted.min), max=max(v.max, wanted.max), nominal=wanted.nominal)
+        return v
 
     def _wanted(self):
         """Outputs: what the rig's questions name, top-level variables, motors and segments."""

@@ -17,6 +17,7 @@ from scipy.optimize import least_squares, linprog, lsq_linear
 
 from ..core.errors import NoAnswerError
 from ..data.noise import fit_noise
+from ..data.residuals import huber
 from .moments import Moments
 
 NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
@@ -164,7 +165,7 @@ class Fit:
         return stats.t.ppf(0.5 + level / 2, self.dof) * math.sqrt(max(c @ self.covariance @ c, 0.0))
 
 
-def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=None, noise=None):
+def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=None, noise=None):
     """Fit a model's free parameters to a data set.
 
     Parameters
@@ -177,8 +178,8 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=No
         The study's free parameters, those of the attached effects included, by default.
     part : str or ndarray of int
         ``"fit"``, ``"test"``, ``"all"``, or the blocks to use.
-    robust : bool
-        Weigh samples down that are far out (Huber).
+    robust : bool, optional
+        Weigh samples down that are far out (Huber); as the study says by default.
     most : int, optional
         Samples to use, evenly spread, for a quick trial; of fewer than twice as many, all are used.
     noise : list of Noise, optional
@@ -188,6 +189,7 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=No
     -------
     Fit
     """
+    robust = dataset.study.robust if robust is None else robust
     variables = dataset.variables(model)
     parameters = {**{n: v.value for n, v in variables.items()}, **dataset.values(model), **(start or {})}
     free = dataset.free(model) if free is None else list(free)
@@ -202,11 +204,11 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=False, most=No
     x, moments = _refine(problem, tidy, x, free, variables, weights, list(model.segments), robust, most is not None)
     if moments is None:
         slope, residual = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2), problem.residual(x)
-        gram = _cross_gram(problem, tidy, x, weights)
+        gram = _cross_gram(problem, tidy, x, weights, robust)
     else:
         slope, residual = moments.slope_and_residual(x)
         gram = moments.gram(x, weights, True)
-    return _result(problem, slope, residual, gram, x, free, variables, weights, noise)
+    return _result(problem, slope, residual, gram, x, free, variables, weights, noise, robust)
 
 
 def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial):
@@ -222,7 +224,7 @@ def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial)
             few = [problem.thin(thin)] if thin > 1 else []
             for part in few if trial and few else [*few, problem]:
                 x = _solve(lambda z: part.gram(z, weights, robust), x, free, variables, 60)
-            return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights), x, free, variables, 4), None
+            return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights, robust), x, free, variables, 4), None
         x = _solve(lambda z: moments.gram(z, weights), x, free, variables, 60)
         x = _instrumented(lambda z: moments.gram(z, weights, True), x, free, variables, 8)
         if moments.holds(x):
@@ -231,13 +233,14 @@ def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial)
     return x, moments
 
 
-def _cross_gram(problem, tidy, x, weights):
+def _cross_gram(problem, tidy, x, weights, robust):
     """Moments of noise-free derivatives and the measured residual."""
     residual = problem.residual(x)
+    trust = np.sqrt(huber(residual)) if robust else np.ones_like(residual)
     total = np.zeros((len(x) + 1, len(x) + 1))
     for part, _, slope in tidy.blocks(x):
         for c, weight in enumerate(weights):
-            rows = np.concatenate([slope[c], residual[c][None, part]]) * weight
+            rows = np.concatenate([slope[c], residual[c][None, part]]) * (weight * trust[c, part])
             total += rows @ rows.T
     return total
 
@@ -353,7 +356,7 @@ def bounded(a, b, low, high):
     return float(2 * b @ x - x @ a @ x), x
 
 
-def _result(problem, slope, residual, gram, x, free, variables, weights, noise):
+def _result(problem, slope, residual, gram, x, free, variables, weights, noise, robust):
     """Covariance, null directions and noise at the solution."""
     if not np.isfinite(gram).all():
         raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a "
@@ -362,7 +365,8 @@ def _result(problem, slope, residual, gram, x, free, variables, weights, noise):
     inverse, null = invert(gram[:-1, :-1])
     if noise is None:
         root = orthonormal(inverse)
-        noise = [fit_noise(r, chain, w * root @ j) for w, r, j in zip(weights, residual, slope)]
+        counted = residual * huber(residual) if robust else residual  # what the estimate hangs on
+        noise = [fit_noise(r, chain, w * root @ j) for w, r, j in zip(weights, counted, slope)]
     meat = np.zeros_like(inverse)
     for w, j, r_noise in zip(weights, slope, noise):
         used = np.flatnonzero(j.any(axis=1))

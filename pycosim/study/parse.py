@@ -11,9 +11,9 @@ from pathlib import Path
 
 from ..core import units
 from ..core.errors import BoundsError, StudyError, closest
-from .schema import (COLUMN_KEYS, Column, DATA_KEYS, DROP_OUTS, EFFECT_KEYS, LIMIT_KEYS, MOST, READERS, REFERENCES,
-                     RIG_KEYS, SETTING_KEYS, Setting, Study, TABLES, TOP_KEYS, known_unit, refuse_twice)
-from .write import to_toml
+from .schema import (COLUMN_KEYS, Column, DATA_KEYS, DROP_OUTS, EFFECT_KEYS, FIT_KEYS, LIMIT_KEYS, MOST, READERS,
+                     REFERENCES, RIG_KEYS, SETTING_KEYS, Setting, Study, TABLES, TOP_KEYS, known_unit, refuse_twice)
+from .toml import to_toml
 
 _LEAST_MOST = 100
 _KINDS = {str: "a text in quotes", float: "a number", bool: "true or false", list: "a list",
@@ -170,10 +170,15 @@ def load_study(path):
     for key in TABLES[:-1]:
         source.take(tables, key, dict, "")
     rig, modelica = _rig(source, tables)
-    data = _data(source, tables)
+    data = {**_data(source, tables), **_fit(source, tables.get("fit", {}))}
+    effects = _effects(source, tables)
+    for effect, place in effects:
+        if {effect, f"{effect}@{place}"} & set(data["rejected"]):
+            raise source.error("[data]", f"rejected rules out '{effect}' at '{place}', which is among the [[effects]]; "
+                               "take it out of one of them", "rejected")
     return Study(source.path, rig, modelica, _parameters(source, tables.get("parameters", {})),
                  limits=_limits(source, tables.get("limits", {})),
-                 columns=_columns(source, tables.get("columns", {}), data), effects=_effects(source, tables), **data)
+                 columns=_columns(source, tables.get("columns", {}), data), effects=effects, **data)
 
 
 def _rig(source, tables):
@@ -216,7 +221,45 @@ def _data(source, tables):
                 time_column=source.take(table, "time_column", str, where, "time"),
                 drop_outs=source.choice(table, "drop_outs", DROP_OUTS, where, "refuse"),
                 average=source.choice(table, "average", ("file",), where, None),
-                reader=source.choice(table, "reader", READERS, where, None))
+                reader=source.choice(table, "reader", READERS, where, None), **_layout(source, table),
+                **{key: _texts(source, table, key) for key in ("accept", "rejected")})
+
+
+def _layout(source, table):
+    """What a file does not say of its rows itself: their rate, whether the first names columns, which are used."""
+    where = "[data]"
+    rate, header = source.take(table, "rate", float, where), source.take(table, "header", bool, where, True)
+    if rate is not None and rate <= 0:
+        raise source.error(where, f"rate = {rate:g} Hz must be above zero", "rate")
+    if rate is not None and "time_column" in table:
+        raise source.error(where, "rate is for logs without a column of time, but time_column names one; keep one of "
+                           "the two", "rate")
+    if not header and table.get("reader") is not None:
+        raise source.error(where, f"header = false is for comma-separated text; remove reader = '{table['reader']}'",
+                           "header")
+    span = source.take(table, "time", list, where)
+    if span is not None:
+        plain = len(span) == 2 and all(isinstance(t, (int, float)) and not isinstance(t, bool) and math.isfinite(t)
+                                       for t in span)
+        if not plain or span[0] >= span[1]:
+            raise source.error(where, f"time must be [first, last], two rising numbers in s, not {to_toml(span)}",
+                               "time")
+        span = float(span[0]), float(span[1])
+    return dict(rate=rate, header=header, time=span)
+
+
+def _texts(source, table, key):
+    """A list of words."""
+    found = source.take(table, key, list, "[data]", [])
+    for item in found:
+        if not isinstance(item, str) or not item:
+            raise source.error("[data]", f"{key} must be a list of texts in quotes, but holds {to_toml(item)}", key)
+    return found
+
+
+def _fit(source, table):
+    source.keys(table, FIT_KEYS, "[fit]")
+    return dict(robust=source.take(table, "robust", bool, "[fit]", False))
 
 
 def _paths(source, table, key, where):
@@ -294,7 +337,10 @@ def _columns(source, table, data):
         for other, taken in found.items():
             if taken.variable == column.variable:
                 raise source.error(where, f"'{column.variable}' is already read from column '{other}'; keep one", name)
-        if (name == data["time_column"]) != (column.variable == "time"):
+        if data["rate"] is not None and column.variable == "time":
+            raise source.error(where, "is a column of time, and [data] rate is for logs without one; keep one of the "
+                                      "two", name)
+        if data["rate"] is None and (name == data["time_column"]) != (column.variable == "time"):
             raise source.error(where, f"the time is read from column '{data['time_column']}', which can only be the "
                                       "variable 'time'; [data] time_column names another one", name)
         if name == data["labels"]:
@@ -317,7 +363,13 @@ def _column(source, given, where, name):
                            name)
     if k_m == 0.0:
         raise source.error(where, "k_m = 0 N.m/A makes every torque zero", name)
-    return Column(variable, unit, k_m, source.take(given, "zero", float, where, 0.0, name))
+    numbers = {key: source.take(given, key, float, where, usual, name)
+               for key, usual in (("zero", 0.0), ("gain", 1.0), ("offset", 0.0), ("sign", 1.0))}
+    if numbers["gain"] == 0.0:
+        raise source.error(where, "gain = 0 makes every reading the same", name)
+    if abs(numbers["sign"]) != 1.0:
+        raise source.error(where, f"sign = {numbers['sign']:g} must be 1 or -1; gain holds any other factor", name)
+    return Column(variable, unit, k_m, **{**numbers, "sign": int(numbers["sign"])})
 
 
 def _effects(source, tables):

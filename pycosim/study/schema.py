@@ -16,15 +16,16 @@ DROP_OUTS = ("refuse", "skip")
 READERS = ("bam", "epos")
 # What a log may hold although the rig has no such variable: effects read it, or it is only looked at.
 LOG_VARIABLES = {"time": "s", "temperature": "degC"}
-TABLES = ("rig", "parameters", "limits", "data", "columns", "effects")
+TABLES = ("rig", "parameters", "limits", "data", "fit", "columns", "effects")
 TOP_KEYS = ("w_min", "seed")
 RIG_KEYS = ("model", "modelica")
 SETTING_KEYS = ("value", "min", "max", "fixed")
-COLUMN_KEYS = ("variable", "unit", "k_m", "zero")
+COLUMN_KEYS = ("variable", "unit", "k_m", "zero", "gain", "offset", "sign")
 EFFECT_KEYS = ("effect", "place")
 LIMIT_KEYS = ("min", "max")
 DATA_KEYS = ("runs", "held_out", "reference", "label", "time_column", "w_min", "seed", "drop_outs",
-              "average", "reader", "most")
+              "average", "reader", "most", "rate", "time", "header", "accept", "rejected")
+FIT_KEYS = ("robust",)
 MOST = 2_000_000
 """Rows of a log that are read one by one, if the study does not say."""
 
@@ -46,6 +47,27 @@ class Setting:
     max: float | None = None
     fixed: bool | None = None
 
+    def applied(self, variable):
+        """A parameter of the library as the study wants it.
+
+        Bounds of the study hold, narrower or wider than the rig's. Where they are wider, the machine is larger than the
+        one that the rig's scale was written for, and the scale grows as the bounds do.
+
+        Parameters
+        ----------
+        variable : Variable
+
+        Returns
+        -------
+        Variable
+        """
+        value, low, high = (getattr(variable, k) if getattr(self, k) is None else getattr(self, k)
+                            for k in ("value", "min", "max"))
+        before, after = (max((abs(b) for b in ends if math.isfinite(b)), default=0.0)
+                         for ends in ((variable.min, variable.max), (low, high)))
+        growth = max(1.0, after / before) if before else 1.0
+        return replace(variable, value=value, min=low, max=high, nominal=variable.nominal * growth)
+
 
 @dataclass(frozen=True)
 class Column:
@@ -60,13 +82,22 @@ class Column:
     k_m : float or None
         Torque constant [N.m/A] of a column that holds a current.
     zero : float
-        Reading that means zero, in the column's unit; subtracted.
+        Reading that means zero, in the column's own numbers; subtracted first.
+    gain : float
+        Factor that takes the column's numbers to ``unit``, as radians a count.
+    offset : float
+        Added after the gain, in ``unit``.
+    sign : int
+        1, or -1 where the recorder counts the other way.
     """
 
     variable: str
     unit: str
     k_m: float | None = None
     zero: float = 0.0
+    gain: float = 1.0
+    offset: float = 0.0
+    sign: int = 1
 
     @property
     def dimension(self):
@@ -74,18 +105,21 @@ class Column:
         return "N.m" if self.k_m is not None else known_unit(self.unit)[0]
 
     def si(self, values):
-        """Readings to SI: zero taken off, unit converted, current made a torque.
+        """Readings to SI: ``sign (gain (reading - zero) + offset)`` in the unit, converted; a current made a torque.
 
         Parameters
         ----------
         values : ndarray, shape (n,)
-            In the column's unit.
+            As they stand in the file.
 
         Returns
         -------
         ndarray, shape (n,)
         """
-        return (values - self.zero) * (known_unit(self.unit)[1] * (1.0 if self.k_m is None else self.k_m))
+        factor = self.sign * known_unit(self.unit)[1] * (1.0 if self.k_m is None else self.k_m)
+        if self.gain == 1.0 and self.offset == 0.0:  # no rounding that nobody asked for
+            return (values - self.zero) * factor
+        return (self.gain * (values - self.zero) + self.offset) * factor
 
 
 @dataclass(frozen=True)
@@ -125,6 +159,18 @@ class Study:
         experiment keeps to.
     most : int
         A log with more rows is read as means of consecutive rows, about so many.
+    rate : float or None
+        Rows a second [Hz] of logs without a column of time.
+    time : (float, float) or None
+        Only rows from the first to the last of these times [s] are used, of every log.
+    header : bool
+        Whether the first row of a text file names its columns; else they are called "1", "2", ...
+    accept : list of str
+        Findings of the data check that are answered.
+    rejected : list of str
+        Candidates that the user has ruled out, ``effect@place`` or ``effect`` for all its places.
+    robust : bool
+        Samples that are far out count less in every fit (Huber).
     """
 
     path: Path
@@ -145,6 +191,12 @@ class Study:
     reader: str | None = None
     limits: dict = field(default_factory=dict)
     most: int = MOST
+    rate: float | None = None
+    time: tuple | None = None
+    header: bool = True
+    accept: list = field(default_factory=list)
+    rejected: list = field(default_factory=list)
+    robust: bool = False
 
     @property
     def name(self):
@@ -177,6 +229,19 @@ class Study:
             held_out = []
         return replace(self, runs=[f for f in files if f not in held_out], held_out=held_out)
 
+    def rules_out(self, effect, place):
+        """Whether the user has ruled a candidate out.
+
+        Parameters
+        ----------
+        effect, place : str
+
+        Returns
+        -------
+        bool
+        """
+        return effect in self.rejected or f"{effect}@{place}" in self.rejected
+
     def validate(self, library):
         """Check every name, bound and unit against the Modelica library.
 
@@ -201,6 +266,11 @@ class Study:
             library.find(self.rig)
             for effect, place in self.effects:
                 find_place(library, self.rig, find_effect(library, effect), place)
+            for text in self.rejected:
+                effect, at, place = text.partition("@")
+                effect = find_effect(library, effect)
+                if at:
+                    find_place(library, self.rig, effect, place)
         except PycosimError as error:
             raise type(error)(f"{self.path}: {error}") from None
         model = compile_model(library, self.rig, self.effects)
@@ -233,18 +303,19 @@ def check_parameter(study, name, setting, known):
     if name not in known:
         raise UnknownNameError(f"{study.path}: no parameter '{name}' in {study.rig}{closest(name, known)}")
     parameter = known[name]
-    for key in ("value", "min", "max"):
-        given = getattr(setting, key)
-        if given is not None and not parameter.min <= given <= parameter.max:
-            raise BoundsError(f"{study.path}: {key} {given:g} {parameter.unit} of '{name}' is outside the bounds of "
-                              f"the rig, {parameter.min:g} to {parameter.max:g} {parameter.unit}")
-    value = parameter.value if setting.value is None else setting.value
-    low = -math.inf if setting.min is None else setting.min
-    high = math.inf if setting.max is None else setting.max
+    wanted = setting.applied(parameter)
+    value, low, high = wanted.value, wanted.min, wanted.max
+    if setting.value is not None and not low <= value <= high:
+        raise BoundsError(f"{study.path}: value {value:g} {parameter.unit} of '{name}' is outside the bounds of "
+                          f"the rig, {low:g} to {high:g} {parameter.unit}; for a larger machine give a min and max of "
+                          "its own")
+    if low > high:
+        raise BoundsError(f"{study.path}: '{name}' is bounded by {low:g} and {high:g} {parameter.unit}, one of them the "
+                          "rig's, and nothing lies between; give both min and max")
     if not low <= value <= high:
         raise BoundsError(f"{study.path}: '{name}' has the rig's default {value:g} {parameter.unit}, outside the "
                           f"study's bounds {low:g} to {high:g} {parameter.unit}; give a value within them")
-    if setting.fixed is False and max(low, parameter.min) == min(high, parameter.max):
+    if setting.fixed is False and low == high:
         raise BoundsError(f"{study.path}: '{name}' is to be fitted, but its bounds leave {value:g} {parameter.unit} "
                           "alone; write fixed = true, or wider bounds")
 

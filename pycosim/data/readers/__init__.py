@@ -45,7 +45,7 @@ class Table:
     meta: dict = field(default_factory=dict)
 
 
-def read_parts(path, name, wanted, text):
+def read_parts(path, name, wanted, text, header=True):
     """Read a file with the reader of this name, or the one its ending asks for.
 
     Parameters
@@ -57,6 +57,8 @@ def read_parts(path, name, wanted, text):
         Columns to read as numbers; those that the file lacks are left out.
     text : str
         Column to read as text.
+    header : bool
+        Whether the first row of a text file names the columns; else they are called "1", "2", ...
 
     Returns
     -------
@@ -77,6 +79,10 @@ def read_parts(path, name, wanted, text):
         raise DataError(f"{path}: cannot tell the format from the ending '{path.suffix}'; use "
                         f"{', '.join(r for r in READERS if r[0] == '.')}, or set [data] reader")
     module = importlib.import_module(f".{READERS[key]}", __package__)
+    if not header:
+        if READERS[key] != "comma":
+            raise DataError(f"{path}: header = false is for comma-separated text; remove it from [data]")
+        return module.parts(path, wanted, text, False)
     if hasattr(module, "parts"):
         return module.parts(path, wanted, text)
     table = module.read(path, wanted, text)

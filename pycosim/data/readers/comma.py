@@ -15,7 +15,7 @@ from . import Table, text_blocks
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "<na>", "#n/a", "inf", "-inf", "+inf", "infinity", "-infinity"}
 
 
-def parts(path, wanted, text):
+def parts(path, wanted, text, header=True):
     """Read the wanted columns of a CSV file, part by part; see `pycosim.data.readers.read_parts`.
 
     Raises
@@ -23,8 +23,8 @@ def parts(path, wanted, text):
     DataError
         Semicolons or tabs, duplicate columns, rows of the wrong length, text where a number belongs, no rows.
     """
-    header, rows = _survey(path, wanted | {text})
-    return rows, _tables(path, header, wanted, text)
+    names, rows = _survey(path, wanted | {text}, header)
+    return rows, _tables(path, names, wanted, text, int(header))
 
 
 def _lines(path):
@@ -39,12 +39,14 @@ def _lines(path):
             breaks = breaks[1:]  # the one that ends the last line yielded
 
 
-def _survey(path, wanted):
+def _survey(path, wanted, named):
     """Columns and number of rows, once every row has been found to have as many fields as there are columns."""
     blocks = _lines(path)
     first = next(blocks, "")
     line = first.partition("\n")[0]
     header = [name.strip() for name in next(csv.reader([line]), [])]
+    if not named:
+        header = [str(k) for k in range(1, len(header) + 1)]
     _check_header(path, line, header, wanted)
     rows = 0
     for block in itertools.chain([first] if first else [], blocks):
@@ -53,12 +55,13 @@ def _survey(path, wanted):
         if wrong.size:
             k = int(wrong[0])
             cut = counts[k] < len(header) and k == counts.size - 1 and next(blocks, None) is None
-            raise DataError(f"{path}, row {rows + k + 1}: has {counts[k]} fields, the header has {len(header)}"
+            raise DataError(f"{path}, row {rows + k + 1}: has {counts[k]} fields, the "
+                            f"{'header' if named else 'first row'} has {len(header)}"
                             f"{' (the log ends within a row)' if cut else ''}; repair or remove the row")
         rows += counts.size
-    if rows < 2:
+    if named and rows < 2:
         raise DataError(f"{path}: has a header but no data rows")
-    return header, rows - 1
+    return header, rows - named
 
 
 def _fields(block):
@@ -73,13 +76,13 @@ def _fields(block):
     return np.diff(commas, prepend=0) + 1
 
 
-def _tables(path, header, wanted, text):
-    """Yield the blocks of a file whose rows have the right length."""
+def _tables(path, header, wanted, text, above):
+    """Yield the blocks of a file whose rows have the right length, without the rows above the first of numbers."""
     used = {name: k for k, name in enumerate(header) if name in wanted or name == text}
     row = 1
     for block in _lines(path):
         lines = block.count("\n") + 1
-        if row == 1:
+        if row <= above:
             block, lines, row = block.partition("\n")[2], lines - 1, 2
         if lines:
             yield _table(path, block, header, used, text, row)
@@ -122,4 +125,6 @@ def _offender(path, frame, names, first, error):
         return DataError(f"{path}: cannot be read as numbers ({error})")
     row, name, cell = min(found)
     hint = "; use a decimal point" if cell.replace(",", "", 1).lstrip("+-").isdigit() else ""
+    if first + row == 1:
+        hint = "; if the first row names the columns, remove header = false"
     return DataError(f"{path}, row {first + row}, column '{name}': '{cell[:40]}' is not a number{hint}")
