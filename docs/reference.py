@@ -167,12 +167,13 @@ def _study(library):
                      f"`{'`, `'.join(schema.TOP_KEYS)}` may stand at the top of the file as well. References: "
                      f"`{'`, `'.join(schema.REFERENCES)}`; drop-outs: `{'`, `'.join(schema.DROP_OUTS)}`; readers that "
                      f"no ending of a file names: `{'`, `'.join(schema.READERS)}`.")
+    yield from _keys("[fit]", "[fit]", schema.FIT_KEYS, whole)
     yield from _keys("[columns]", "[columns]", schema.COLUMN_KEYS, column,
                      "One entry a column of the log: `tau1 = { variable = \"motor1.tau\", unit = \"N.m\" }`. Besides "
                      f"the rig's variables: `{'`, `'.join(schema.LOG_VARIABLES)}`.")
     yield ("\n## [[effects]]\n\nOne table an effect: `effect`, its name, and `place`, where it acts "
            "([effects](effects.md)).")
-    documented = {"rig", "parameters", "data", "columns", "effects"}
+    documented = {"rig", "parameters", "data", "fit", "columns", "effects"}
     for table in [t for t in schema.TABLES if t not in documented]:
         kind, text = whole[table]
         yield f"\n## [{table}]\n\n{text}"

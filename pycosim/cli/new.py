@@ -158,6 +158,9 @@ def template(library, rig, runs, modelica=()):
     yield 'reference = "unknown"        # of the joint torques: "sensor", "gravity_model" (computed), "unknown"'
     yield '# drop_outs = "skip"         # leave rows with missing numbers out, rather than refuse the log'
     yield f"# most = {MOST:_}            # a log with more rows is read as means of consecutive ones"
+    yield '# rate = 500                  # samples a second, of a log without a column of time'
+    yield '# header = false              # columns have no names; they are called "1", "2", ..'
+    yield '# time = [0.0, 60.0]          # only this part of each log, s'
     yield "\n[columns]                    # left: the column in your log, right: what it is, and its unit there"
     speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.variables]
     for name, role in [*((n, "needed") for n in known), *((n, "optional; else derived from the angle") for n in speeds),

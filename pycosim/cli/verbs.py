@@ -249,7 +249,8 @@ def again(study, data):
     str
     """
     import shlex
-    return shlex.join(["pycosim", "report", study.path.name, *(["--data", *data] if data else [])])
+    robust = ["--robust"] if study.robust else []
+    return shlex.join(["pycosim", "report", study.path.name, *robust, *(["--data", *data] if data else [])])
 
 
 def _plan(run, arguments):

@@ -180,8 +180,8 @@ def require_alike(logs, names):
 def _check_columns(path, table, study, used):
     if study.rate is None and study.time_column not in table.columns:
         raise DataError(f"{path}: no column '{study.time_column}' for the time"
-                        f"{closest(study.time_column, table.header)}; rename it, set [data] time_column, or [data] rate "
-                        "where there is none")
+                        f"{closest(study.time_column, table.header)}; rename it, set [data] time_column, or "
+                        "[data] rate where there is none")
     if study.labels != "manoeuvre" and study.labels not in table.columns:
         raise DataError(f"{path}: no label column '{study.labels}'{closest(study.labels, table.header)}")
     if not study.columns:

@@ -356,7 +356,7 @@ def bounded(a, b, low, high):
     return float(2 * b @ x - x @ a @ x), x
 
 
-def _result(problem, slope, residual, gram, x, free, variables, weights, noise, robust):
+def _result(problem, slope, residual, gram, x, free, variables, weights, noise, robust=False):
     """Covariance, null directions and noise at the solution."""
     if not np.isfinite(gram).all():
         raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a "

@@ -124,9 +124,7 @@ def _put_entries(document, name, wanted, known, settings):
             continue
         given = {k: v for k, v in settings(value).items() if v is not None}
         if entry not in known:
-            line = tomlkit.inline_table()
-            line.update(given)
-            _table(document, name)[entry] = line
+            _table(document, name)[entry] = tomlkit.value(to_toml(given))
             continue
         home, key = _place(document[name], entry)
         for k in [k for k in home[key] if k not in given]:
@@ -152,6 +150,7 @@ def _put_effects(document, wanted, known):
     if not kept:
         document.pop("effects", None)
         if wanted:
+            document.add(tomlkit.nl())
             document.add("effects", tomlkit.aot())
     for pair in wanted[len(kept):]:
         entry = tomlkit.table()

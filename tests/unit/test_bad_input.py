@@ -152,7 +152,7 @@ STUDIES = {
     "a unit that does not fit": (lambda t: t.replace('"motor1.tau", unit = "N.m"', '"motor1.tau", unit = "rad"'),
                                  "unit 'rad' does not fit a quantity in N.m"),
     "a value outside its bounds": (lambda t: t.replace("value = 0.05, min = 0.0, max = 1.0",
-                                                       "value = 2.0, max = 3.0", 1), "outside the bounds of the rig"),
+                                                       "value = 2.0, min = 0.0", 1), "outside the bounds of the rig"),
     "a value outside its own bounds": (lambda t: t.replace("value = 0.05", "value = 1.5", 1),
                                        "outside its own bounds"),
     "bounds that leave nothing to fit": (lambda t: t.replace("min = 0.0, max = 1.0", "min = 0.05, max = 0.05", 1),

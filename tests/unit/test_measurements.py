@@ -441,6 +441,43 @@ def test_the_servos_own_speed_lags_and_the_derivative_does_not(tmp_path):
     assert np.std(lagged - log.signals["motor.w"]) < 0.2 * np.std(speed - log.signals["motor.w"])
 
 
+# --- how a file is laid out -----------------------------------------------------------------------------------------
+
+
+def test_a_rate_stands_for_a_column_of_time(read):
+    source = frame().drop(columns="time")
+    log = read(source, rate=250.0)
+    np.testing.assert_allclose(log.time, np.arange(40) / 250)
+    source.loc[5, "tau1"] = np.nan  # a row left out still took its time
+    np.testing.assert_allclose(read(source, rate=250.0, drop_outs="skip").time[[4, 5]], [4 / 250, 6 / 250])
+    with pytest.raises(DataError, match=r"no column 'time'.*\[data\] rate"):
+        read(source)
+
+
+def test_columns_of_a_file_without_a_header_go_by_number(read):
+    columns = {"2": Column("motor1.phi", "rad"), "3": Column("motor1.tau", "N.m")}
+    text = frame().to_csv(index=False, header=False)
+    log = read(text, columns=columns, header=False, time_column="1")
+    assert log.header == ["1", "2", "3"] and log.rows[0] == 1 and len(log.time) == 40
+    np.testing.assert_allclose(log.signals["motor1.phi"], frame().theta1)
+    with pytest.raises(DataError, match="row 1, column '1': 'time' is not a number; .* remove header = false"):
+        read(frame(), columns=columns, header=False, time_column="1")
+    with pytest.raises(DataError, match="row 3: has 2 fields, the first row has 3"):
+        read("1,2,3\n2,3,4\n3,4\n4,5,6\n", columns=columns, header=False, time_column="1")
+    with pytest.raises(DataError, match="header = false is for comma-separated text"):
+        read(b"PAR1", name="run.parquet", columns=columns, header=False)
+
+
+def test_of_a_log_only_a_span_of_time_may_be_used(read):
+    source = frame()
+    source.loc[35, "tau1"] = np.nan  # what is cut off need not be whole
+    log = read(source, time=(0.1, 0.2))
+    np.testing.assert_allclose(log.time, np.arange(10, 21) * 0.01)
+    assert log.rows[0] == 12 and log.dropped == []
+    with pytest.raises(DataError, match=r"no row lies within time = \[3, 4\] s; the log runs from 0 to 0.39 s"):
+        read(source, time=(3.0, 4.0))
+
+
 # --- derivatives ----------------------------------------------------------------------------------------------------
 
 

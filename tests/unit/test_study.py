@@ -1,7 +1,9 @@
 """Claims about studies: what is read is what is written, and every slip is named with its place and a way out."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pycosim.compile.parse import Library
@@ -25,9 +27,18 @@ w_min = 0.03
 seed = 7
 drop_outs = "skip"
 most = 50_000
+rate = 500
+time = [1, 30.5]
+header = false
+accept = ["sign"]
+rejected = ["torque_offset@motor1", "stribeck"]
+
+[fit]
+robust = true
 
 [columns]
 theta1 = { variable = "motor1.phi", unit = "deg", zero = 2 }
+theta2 = { variable = "motor2.phi", unit = "rad", gain = 0.001, offset = -0.5, sign = -1 }
 i1 = { variable = "motor1.tau", unit = "mA", k_m = 0.11 }
 
 [[effects]]
@@ -60,6 +71,9 @@ def test_a_study_is_read_whole(study, tmp_path):
     assert (found.drop_outs, found.most) == ("skip", 50_000)
     assert found.columns["i1"] == Column("motor1.tau", "mA", 0.11)
     assert found.effects == [("viscous", "1A+2A")]
+    assert (found.rate, found.time, found.header, found.robust) == (500.0, (1.0, 30.5), False, True)
+    assert (found.accept, found.rejected) == (["sign"], ["torque_offset@motor1", "stribeck"])
+    assert found.columns["theta2"] == Column("motor2.phi", "rad", gain=0.001, offset=-0.5, sign=-1)
 
 
 def test_the_least_study_has_the_contracts_defaults(study):
@@ -67,12 +81,17 @@ def test_the_least_study_has_the_contracts_defaults(study):
     assert (found.reference, found.labels, found.time_column, found.seed) == ("unknown", "manoeuvre", "time", 0)
     assert (found.runs, found.w_min, found.drop_outs, found.average, found.reader) == ([], None, "refuse", None, None)
     assert found.most == 2_000_000
+    assert (found.rate, found.time, found.header, found.accept, found.rejected) == (None, None, True, [], [])
+    assert not found.robust
 
 
 def test_a_column_becomes_si_with_its_zero_and_torque_constant(study):
     columns = study(FULL).columns
     assert columns["theta1"].si(182.0) == pytest.approx(3.14159265)
     assert columns["i1"].si(2000.0) == pytest.approx(0.22)
+    assert columns["theta2"].si(np.array([0.0, 2000.0])) == pytest.approx([0.5, -1.5])  # -(0.001 x - 0.5)
+    assert Column("motor1.phi", "deg", zero=10, gain=2, offset=3, sign=-1).si(100.0) == pytest.approx(-np.deg2rad(183))
+    assert Column("motor1.tau", "A", k_m=0.2, gain=0.5).si(8.0) == pytest.approx(0.8)
     assert columns["i1"].dimension == "N.m"
 
 
@@ -85,6 +104,48 @@ def test_a_written_study_is_the_same_study(study, tmp_path):
     text = (other / "study.toml").read_text()
     assert '"../run1.csv"' in text and "#" not in text
     assert [p.name for p in other.iterdir()] == ["study.toml"]
+
+
+COMMENTED = """# the machine in the cellar
+seed = 3                     # as ever
+
+[rig]
+model = "DriveTrain.Rigs.HipKnee"   # the old one
+
+[parameters]
+# from the data sheet
+"s1A.f0" = { value = 0.05, min = 0.0, max = 1.0, fixed = false }  # N.m
+s1B.mu = { value = 0.97 }            # [1]
+s2B.mu = { value = 0.96 }
+
+[data]
+runs = ["a.csv",             # Monday
+        "b.csv"]
+w_min = 0.05
+"""
+
+
+def test_what_is_written_into_a_study_leaves_its_comments_and_order(study, tmp_path):
+    first = study(COMMENTED)
+    parameters = {**first.parameters, "s1A.f0": replace(first.parameters["s1A.f0"], value=0.07),
+                  "s1B.mu": Setting(0.9, fixed=False), "s2A.f0": Setting(0.1)}
+    del parameters["s2B.mu"]
+    changed = replace(first, parameters=parameters, effects=[("viscous", "1A")], w_min=None, seed=4, robust=True)
+    path = write_study(changed, tmp_path / "improved.toml")
+    again, text = load_study(path), path.read_text()
+    assert {**vars(again), "path": 0} == {**vars(changed), "path": 0}
+    for kept in ("# the machine in the cellar", "seed = 4", "# as ever", "# the old one", "# from the data sheet",
+                 "# N.m", "# [1]", '"a.csv",             # Monday\n        "b.csv"]'):
+        assert kept in text, text
+    assert "w_min" not in text and "s2B" not in text
+    more = replace(again, effects=[*again.effects, ("stribeck", "2A")])
+    assert load_study(write_study(more, path)).effects == more.effects
+    assert load_study(write_study(replace(more, effects=[("stribeck", "2A")]), path)).effects == [("stribeck", "2A")]
+    assert load_study(write_study(replace(more, effects=[]), path)).effects == []
+
+
+def test_a_study_that_nothing_changed_is_written_as_it_was(study, tmp_path):
+    assert write_study(study(COMMENTED), tmp_path / "again.toml").read_text() == COMMENTED
 
 
 @pytest.mark.parametrize("name", ['quo"te', "back\\slash", "tab\t", "ünï", "a.b", "line\nbreak", "\x7f"])
@@ -153,6 +214,22 @@ BROKEN = {
     "most too small": (RIG + "[data]\nmost = 0", ["most = 0 rows", "100 at least"]),
     "most not whole": (RIG + "[data]\nmost = 2e6", ["most must be an integer"]),
     "seed twice": ("seed = 1\n" + RIG + "[data]\nseed = 2", ["seed is given twice"]),
+    "rate not positive": (RIG + "[data]\nrate = 0", ["rate = 0 Hz", "above zero"]),
+    "rate and time": (RIG + '[data]\nrate = 9\ntime_column = "t"', ["rate", "time_column", "keep one"]),
+    "rate and a column of time": (RIG + '[data]\nrate = 9\n[columns]\nt = { variable = "time", unit = "s" }',
+                                  ["'t'", "rate", "keep one"]),
+    "time not a span": (RIG + "[data]\ntime = [3.0]", ["time must be [first, last]", "[3.0]"]),
+    "time span backwards": (RIG + "[data]\ntime = [3, 1]", ["time must be [first, last]", "[3, 1]"]),
+    "header not a truth": (RIG + '[data]\nheader = "no"', ["header must be true or false"]),
+    "no header of another format": (RIG + '[data]\nheader = false\nreader = "bam"', ["header = false", "bam"]),
+    "accept not texts": (RIG + "[data]\naccept = [1]", ["accept must be a list of texts", "1"]),
+    "rejected and there": (RIG + '[data]\nrejected = ["viscous@1A"]\n'
+                           '[[effects]]\neffect = "viscous"\nplace = "1A"',
+                           ["rejected", "'viscous' at '1A'", "[[effects]]"]),
+    "gain zero": (RIG + '[columns]\na = { variable = "motor1.phi", unit = "rad", gain = 0 }', ["'a'", "gain = 0"]),
+    "sign of two": (RIG + '[columns]\na = { variable = "motor1.phi", unit = "rad", sign = 2 }',
+                    ["'a'", "sign = 2", "1 or -1"]),
+    "unknown key of fit": (RIG + "[fit]\nrobustt = true", ["[fit]", "'robustt'", "closest: 'robust'"]),
     "effect twice": (RIG + 2 * '[[effects]]\neffect = "viscous"\nplace = "1A"\n',
                      ["no. 2", "'viscous' at '1A'", "twice"]),
     "effect without place": (RIG + '[[effects]]\neffect = "viscous"\n', ["no. 1", "place is missing"]),
@@ -198,7 +275,12 @@ UNFIT = {
                   ["no parameter 's1A.fo' in DriveTrain.Rigs.HipKnee", "closest: 's1A.f0'"]),
     "bounds": (RIG + '[parameters]\n"s1A.f0" = { value = 2.0 }', BoundsError,
                ["value 2 N.m", "'s1A.f0'", "0 to 1 N.m"]),
-    "min below": (RIG + '[parameters]\n"s1A.f0" = { min = -1.0 }', BoundsError, ["min -1 N.m", "'s1A.f0'"]),
+    "min above the rig's max": (RIG + '[parameters]\n"s1A.f0" = { value = 2.0, min = 2.0 }', BoundsError,
+                                ["'s1A.f0'", "give both min and max"]),
+    "rejected effect": (RIG + '[data]\nrejected = ["torqe_offset@motor1"]', UnknownNameError,
+                        ["'torqe_offset'", "closest: 'torque_offset'"]),
+    "rejected place": (RIG + '[data]\nrejected = ["torque_offset@motor3"]', UnknownNameError,
+                       ["'motor3'", "closest: 'motor"]),
     "default": (RIG + '[parameters]\n"s1A.f0" = { min = 0.5 }', BoundsError, ["default 0.05 N.m", "0.5"]),
     "effect": (RIG + '[[effects]]\neffect = "viscos"\nplace = "1A"', UnknownNameError,
                ["'viscos'", "closest: 'viscous'"]),
@@ -217,6 +299,15 @@ def test_a_study_that_does_not_fit_its_rig_is_refused(study, library, case):
     with pytest.raises(kind) as caught:
         study(text).validate(library)
     assert all(w in str(caught.value) for w in ["study.toml", *words])
+
+
+def test_a_study_may_widen_the_bounds_of_its_rig_and_the_scale_follows(study, library):
+    found = study(RIG + '[parameters]\n"s1A.f0" = { value = 10, min = -5, max = 20, fixed = false }')
+    usual = found.validate(library).parameters["s1A.f0"]
+    wide = found.parameters["s1A.f0"].applied(usual)
+    assert (wide.value, wide.min, wide.max) == (10.0, -5.0, 20.0)
+    assert wide.nominal == pytest.approx(usual.nominal * 20.0 / usual.max)
+    assert Setting(0.1, 0.0, 0.5).applied(usual).nominal == usual.nominal
 
 
 def test_the_temperature_may_be_logged_for_any_rig(study, library):

@@ -1,0 +1,89 @@
+"""Claims about what a study decides in fits and searches: robust fits, candidates ruled out, wider bounds."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.hidden_effects.machine import PAPER, measure, six_manoeuvres, write_csv
+from pycosim.cli.entry import main
+from pycosim.compile import Library
+from pycosim.data.dataset import Dataset
+from pycosim.data.residuals import huber
+from pycosim.diagnosis.excitation import undetectable
+from pycosim.diagnosis.scores import Scores
+from pycosim.diagnosis.table import Table
+from pycosim.fit.least_squares import fit
+from pycosim.study.parse import load_study
+
+STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
+
+
+@pytest.fixture(scope="module")
+def log():
+    return measure(PAPER, six_manoeuvres(speeds=(0.5, 1.6), repeats=1, rate=50, longest_pass=4), rng=3)
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    """A data set of a log, with changes to the study."""
+    def make(frame, **changes):
+        write_csv(frame, tmp_path / "log.csv")
+        study = load_study(STUDY).with_data([tmp_path / "log.csv"])
+        return Dataset(replace(study, **changes), Library())
+    return make
+
+
+def fitted(dataset):
+    return fit(dataset, dataset.base).parameters
+
+
+def distance(found, true):
+    return max(abs(found[n] - true[n]) for n in ("s1A.f0", "s2A.f0"))
+
+
+def test_outliers_move_a_plain_fit_and_hardly_a_robust_one(dataset, log):
+    true = fitted(dataset(log))
+    spoiled, rng = log.copy(), np.random.default_rng(0)
+    rows = rng.choice(len(log), len(log) // 50, replace=False)
+    spoiled.loc[rows, "C_H"] += 100.0  # shocks of one sign
+    assert distance(fitted(dataset(spoiled)), true) > 0.02
+    assert distance(fitted(dataset(spoiled, robust=True)), true) < 0.004
+
+
+def test_weights_are_one_for_all_but_the_far_out():
+    residual = np.random.default_rng(0).standard_normal((2, 1000)) * [[1.0], [50.0]]
+    residual[0, 7] = 1000.0
+    weights = huber(residual)
+    assert weights[0, 7] == pytest.approx(1.345 * 1.0 / 1000.0, rel=0.1)
+    assert np.mean(weights == 1) == pytest.approx(0.82, abs=0.03)
+    np.testing.assert_array_equal(huber(np.array([[0.0, 0.0, 0.0, 1.0]])), 1.0)
+
+
+def test_what_the_user_has_ruled_out_is_no_candidate_and_is_said(dataset, log):
+    data = dataset(log, rejected=["torque_offset@motor1", "stribeck"])
+    table = Table(data, data.base, fit(data, data.base))
+    offered = {(e.id, p.name) for e, p in table.offers}
+    assert ("torque_offset", "motor2") in offered and ("torque_offset", "motor1") not in offered
+    assert not {place for effect, place in offered if effect == "stribeck"}
+    told = {(u["effect"], u["place"]) for u in undetectable(table, Scores(table)) if "ruled out" in u["why"]}
+    assert ("torque_offset", "motor1") in told and ("stribeck", "1A") in told and len(told) == len(table.rejected)
+
+
+def test_an_effect_that_is_ruled_out_is_not_added(tmp_path, monkeypatch, capsys, log):
+    monkeypatch.chdir(tmp_path)
+    write_csv(log, tmp_path / "log.csv")
+    text = STUDY.read_text().replace("held_out = []", 'held_out = []\nrejected = ["viscous@1A"]', 1)
+    (tmp_path / "study.toml").write_text(text)
+    assert main(["add", "study.toml", "viscous@1A", "--data", "log.csv"]) == 2
+    assert "'viscous@1A' is among [data] rejected" in capsys.readouterr().err
+
+
+def test_a_parameter_may_leave_the_rig_s_bounds_where_the_study_says_so(dataset, log):
+    strong = measure({"f0": {**PAPER["f0"], "1A": 3.0}, "mu": PAPER["mu"]},
+                     six_manoeuvres(speeds=(0.5, 1.6), repeats=1, rate=50, longest_pass=4), rng=3)
+    wide = {**load_study(STUDY).parameters}
+    wide["s1A.f0"] = replace(wide["s1A.f0"], max=20.0)
+    assert fitted(dataset(strong, parameters=wide))["s1A.f0"] == pytest.approx(3.0, rel=0.03)
+    assert fitted(dataset(strong))["s1A.f0"] == pytest.approx(1.0, rel=0.01)
