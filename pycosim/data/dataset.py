@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
-from . import segmentation
+from . import instruments, segmentation
 from ..compile import ArrayFunction, catalogue, compile_model, component_name
 from ..dynamics.delays import undo
 from ..core.errors import DataError, StudyError
@@ -54,6 +55,7 @@ class Dataset:
         self.base = compile_model(library, study.rig, study.effects)
         self._choose_question()
         self._gather()
+        self._scatters = {}
         self._derive()
         self._segment()
         self._split()
@@ -295,30 +297,100 @@ class Dataset:
         ndarray, shape (channels, n)
             Standard deviations in the channels' units; one where the signals show no scatter.
         """
-        question = self.ask(model).select(self.outputs)
-        u, x, p = question.symbols()
-        y = question.output(u, x, p)
-        noisy = [k for k in self.known if k in self.signals and k in question.inputs and not k.endswith((".phi", ".w"))]
         view = self.view(part)
         total = np.zeros((len(self.outputs), len(self._picks(view)[0][1])))
-        signals, (states, _) = self.undelayed(self.ask(model), parameters, self.exogenous()), self.states(
-            model, parameters)
-        for name in noisy:
-            slope = ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(ca.jacobian(
-                y, u[question.inputs.index(name)]))]))
-            arguments = ([signals.get(n, 0.0) for n in question.inputs] + list(states)
-                         + [float(parameters[n]) for n in question.parameters])
-            response = slope(arguments, len(self.time)) * self._scatter(self.signals[name])
-            total += sum(take(response ** 2) * weight ** 2 for weight, _, take in self._picks(view))
-        own = [0.0 if self.paired else self._scatter(self.reference(c)) ** 2 for c in self.outputs]
+        noisy = [k for k in self.known if k in self.signals and not k.endswith(".w")]
+        for name, response in self.responses(model, parameters, noisy).items():
+            spread = self.scatter(name) if not name.endswith(".phi") else self.steps[name] / math.sqrt(12)
+            total += sum(take((response * spread) ** 2) * weight ** 2 for weight, _, take in self._picks(view))
+        own = [0.0 if self.paired else self.scatter(c) ** 2 for c in self.outputs]
         total += np.array(own)[:, None]
         return np.sqrt(np.where(total > 0, total, 1.0))
 
-    def _scatter(self, values):
-        """Standard deviation of what changes from sample to sample, within passes."""
-        third = np.diff(values, 3)
-        inside = (self.passes[3:] >= 0) & (self.passes[3:] == self.passes[:-3])
-        return float(1.4826 * np.median(np.abs(third[inside])) / np.sqrt(20)) if inside.any() else 0.0
+    def responses(self, model, parameters, names):
+        """Derivatives of the channels by signals that the model is given, sample by sample.
+
+        Parameters
+        ----------
+        model : Model
+        parameters : dict of str to float
+        names : list of str
+            Signals; those that the channels do not depend on are left out.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (channels, n)
+        """
+        question = self.ask(model).select(self.outputs)
+        u, x, p = question.symbols()
+        y = question.output(u, x, p)
+        signals, (states, _) = self.undelayed(self.ask(model), parameters, self.exogenous()), self.states(
+            model, parameters)
+        arguments = ([signals.get(n, 0.0) for n in question.inputs] + list(states)
+                     + [float(parameters[n]) for n in question.parameters])
+        found = {}
+        for name in [n for n in names if n in question.inputs]:
+            slope = ca.jacobian(y, u[question.inputs.index(name)])
+            if slope.nnz():
+                found[name] = ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(slope)]))(
+                    arguments, len(self.time))
+        return found
+
+    def predicted(self, model, parameters):
+        """Channels as the model gives them from signals without noise.
+
+        Parameters
+        ----------
+        model : Model
+        parameters : dict of str to float
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        return self.segment_signals(model, parameters, self.outputs, None, self.exogenous())
+
+    @property
+    def steps(self):
+        """Step that each measured signal was rounded to, in its unit; 0.0 where it was not."""
+        if not hasattr(self, "_steps"):
+            self._steps = {n: instruments.step(v) for n, v in self.measured.items()}
+        return self._steps
+
+    def scatter(self, name):
+        """Standard deviation of what changes from sample to sample, within passes, rounding counted.
+
+        Parameters
+        ----------
+        name : str
+            A measured signal.
+
+        Returns
+        -------
+        float
+            In the unit of the signal.
+        """
+        if name not in self._scatters:
+            third = np.diff(self.reference(name), 3)
+            inside = (self.passes[3:] >= 0) & (self.passes[3:] == self.passes[:-3])
+            found = float(1.4826 * np.median(np.abs(third[inside])) / np.sqrt(20)) if inside.any() else 0.0
+            self._scatters[name] = max(found, self.steps.get(name, 0.0) / math.sqrt(12))
+        return self._scatters[name]
+
+    def picks(self, part):
+        """How the samples of a part enter the residual.
+
+        Parameters
+        ----------
+        part : str or ndarray of int
+            As for `choose`.
+
+        Returns
+        -------
+        list of (float, ndarray of int, callable)
+            Weight, samples, and what takes values at them.
+        """
+        return self._picks(self.view(part))
 
     def _predict(self, values):
         span = np.maximum(np.ptp(self.config, axis=1, keepdims=True), 1e-9)

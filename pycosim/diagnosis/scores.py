@@ -19,6 +19,8 @@ from ..fit.least_squares import bounded
 
 LEVEL = 0.01
 DRAWS = 1999
+ROUNDINGS = 40
+"""Times that what was measured is rounded anew: the spread of a score is then known to about a tenth."""
 PRESSED = 12.0  # variances that lifting a bound must win for its parameter not to absorb anything: 0.05 % by chance
 
 
@@ -51,6 +53,7 @@ class Scores:
         self.weights, self.few = table.fit.weights, max(1, len(table.time) // 5000)
         self.candidates, self.columns = list(table.candidates), list(table.columns)
         self._noise()
+        self._roundings()
         self._search_ripples()
         self._whiten()
         self._test()
@@ -120,16 +123,24 @@ class Scores:
             chosen.append(best)
         return beta
 
+    def _roundings(self):
+        """What rounding may leave, whitened like the residual; and the moments of all rows with it."""
+        drawn = self.table.roundings(ROUNDINGS, int(self.rng.integers(2 ** 32)))
+        self.rounded = [noise.whiten(drawn[:, c], self.table.chain) for c, noise in enumerate(self.noise)]
+        self.beside_rounding = np.zeros((0, len(drawn)))
+
     def _whiten(self):
         """Moments of the whitened columns; the residual's spread fixes their scale."""
         t = self.table
         self.thin = self._thin_moments()
         self.gram, self.frame = np.zeros_like(self.thin[0]), []
+        self.beside_rounding = np.zeros((len(self.gram) - 1, len(self.rounded[0])))
         for c, noise in enumerate(self.noise):
             rows = [*t.slope[c], *[v[c] for v in self.columns], t.residual[c]]
             live = [k for k, row in enumerate(rows) if row.any()]
             white = noise.whiten(np.array([rows[k] for k in live]), t.chain)
             self.gram[np.ix_(live, live)] += white @ white.T
+            self.beside_rounding[live[:-1]] += white[:-1] @ self.rounded[c].T
             self.frame.append(np.zeros((self.p + 1, len(t.time))))
             own = [i for i, k in enumerate(live) if k < self.p or k == len(rows) - 1]
             self.frame[-1][[min(live[i], self.p) for i in own]] = white[own]
@@ -208,6 +219,11 @@ class Scores:
         values, vectors = np.linalg.eigh((schur + schur.T) / 2)
         root = vectors * np.sqrt(np.maximum(values, 0))
         noise = self.rng.standard_normal((self.draws, len(schur))) @ root.T
+        self._absorb = base, inverse
+        rounded = self._rounded(slice(p, None), cross)
+        if rounded.shape[1]:
+            noise += (rounded * self.rng.choice([-1.0, 1.0], rounded.shape[1]))[:, self.rng.integers(
+                rounded.shape[1], size=self.draws)].T
         self.results, extremes = [], {}
         for candidate in self.candidates:
             inner, d = _summed(schur, candidate.parts), len(candidate.parts)
@@ -215,9 +231,11 @@ class Scores:
                 self.results.append(Score(candidate))
                 continue
             sided = d == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
+            coarse = np.array([rounded[part].sum(0) for part in candidate.parts])
+            inner = inner + coarse @ coarse.T / max(coarse.shape[1], 1)
             value, coefficients = self._fall(candidate)
             surprise = float(self._surprise(value, d, sided))
-            spread = np.sqrt(self.variance * np.diag(np.linalg.inv(inner)))
+            spread = np.sqrt(self.variance * self._inflation(candidate) * np.diag(np.linalg.inv(inner)))
             self.results.append(Score(candidate, value, surprise, coefficients, True, spread))
             if not candidate.extra.get("scanned"):
                 z = np.array([noise[:, part].sum(1) for part in candidate.parts]).T
@@ -280,10 +298,18 @@ class Scores:
         for c, noise in enumerate(self.noise):
             white = noise.whiten(new[:, c], self.table.chain)
             raw = np.concatenate([self.table.slope[c], self.table.residual[c][None]])[:, few]
+            self._remember_rounding(c, known, white)
             parts.append((white @ white.T, self.frame[c] @ white.T, new[:, c, few] @ new[:, c, few].T,
                           raw @ new[:, c, few].T))
         self.gram = _grown(self.gram, sum(p[0] for p in parts), sum(p[1] for p in parts), self.p)
         self.thin = [_grown(g, p[2], p[3], self.p) for g, p in zip(self.thin, parts)]
+
+    def _remember_rounding(self, channel, known, white):
+        """Moments of rounding with columns that came after the others."""
+        first = self.p + known
+        if len(self.beside_rounding) == first:
+            self.beside_rounding = np.concatenate([self.beside_rounding, np.zeros((len(white), len(self.rounded[0])))])
+        self.beside_rounding[first:] += white @ self.rounded[channel].T
 
     def _yielding(self):
         """Base parameters that can absorb a candidate: not those that the data press against a bound.
@@ -329,6 +355,23 @@ class Scores:
                else np.log(special.gammaincc(d / 2, value / 2) + 1e-320))
         return (log + (np.log(0.5) if sided else 0.0)) * (value > 0)
 
+    def _rounded(self, rows, cross):
+        """Scores of columns with what rounding may leave, beside what the base absorbs, in standard deviations."""
+        base, _ = self._absorb
+        return (self.beside_rounding[rows] - cross @ self.beside_rounding[base]) / np.sqrt(self.variance)
+
+    def _inflation(self, candidate):
+        """Variance of a candidate's score with rounding counted, over the variance that noise alone gives it."""
+        if not len(self.rounded[0]):
+            return 1.0
+        base, inverse = self._absorb
+        columns = [self.p + np.array(part) for part in candidate.parts]
+        cross = np.array([self.gram[np.ix_(c, base)].sum(0) for c in columns]) @ inverse
+        own = _summed(self.gram, columns) - cross @ np.array([self.gram[np.ix_(c, base)].sum(0) for c in columns]).T
+        coarse = np.array([self.beside_rounding[c].sum(0) for c in columns]) - cross @ self.beside_rounding[base]
+        added = coarse @ coarse.T / (coarse.shape[1] * self.variance)
+        return 1.0 + float(np.max(np.linalg.eigvals(np.linalg.lstsq(own, added, rcond=1e-12)[0]).real, initial=0.0))
+
     def _fall(self, candidate):
         """Fall of the whitened sum of squares, over its variance, with base and candidate inside their bounds."""
         groups = [*[[k] for k in range(self.p)], *[self.p + np.array(part) for part in candidate.parts]]
@@ -336,7 +379,8 @@ class Scores:
         with_it, x = bounded(a, b, *self._bounds(candidate))
         if not hasattr(self, "_without"):
             self._without = bounded(a[:self.p, :self.p], b[:self.p], *self._bounds(None))[0]
-        return max(0.0, (with_it - self._without) / self.variance), x[self.p:]
+        fall = max(0.0, (with_it - self._without) / self.variance)
+        return fall / self._inflation(candidate), x[self.p:]
 
     def _bounds(self, candidate):
         fit = self.table.fit

@@ -17,6 +17,7 @@ from ..compile import catalogue, compile_model, places
 from ..compile.contribution import AHEAD, Contribution, additions, effect_question
 from ..compile.effects import PARTNER, ports
 from ..data.noise import contiguous
+from ..data.instruments import rounding
 from ..data.residuals import Residuals
 from ..dynamics.delays import Record
 from ..dynamics.states import propagate
@@ -133,15 +134,46 @@ class Table:
             self.responses.append(slope[:, p:])
             self.slope = slope[:, :p] if k == 0 else self.slope + slope[:, :p]
         plain = self.dataset.residuals(self.model, self.fit.free, self.fit.parameters, self.part)
-        self.residual = plain.residual(self.fit.values)
         self.width = 1
         if self.thin > 1:
-            pieces = contiguous(plain.time, plain.group)
             usual = float(np.median(np.diff(plain.time)))
             self.width = min(self.thin, int(_SHORT / max(usual, 1e-9)) // 2 * 2 + 1)
-            self.residual = _averaged(self.residual, pieces, self.width)[:, ::self.thin]
+        self._pieces = contiguous(plain.time, plain.group)
+        self.residual = self.thinned(plain.residual(self.fit.values))
+        self._rounding = rounding(self.dataset, self.model, self.fit, self.part)
         self.path = self.dataset.path(self.part, self.thin)
         self.channels = self.dataset.channels
+
+    def thinned(self, values):
+        """Values at the samples of the table: means of their neighbours where the log is thinned.
+
+        Parameters
+        ----------
+        values : ndarray, shape (channels, all samples of the part)
+
+        Returns
+        -------
+        ndarray, shape (channels, n)
+        """
+        return _averaged(values, self._pieces, self.width)[:, ::self.thin] if self.thin > 1 else values
+
+    def roundings(self, count, seed=0):
+        """Residuals that rounding alone might have left.
+
+        Parameters
+        ----------
+        count : int
+        seed : int
+
+        Returns
+        -------
+        ndarray, shape (count or 0, channels, n)
+            None of them where no column is coarser than its noise.
+        """
+        if self._rounding is None:
+            return np.zeros((0, *self.residual.shape))
+        rng = np.random.default_rng(seed)
+        return np.array([self.thinned(self._rounding(rng)) for _ in range(count)])
 
     def _signals(self):
         """Signals of the ports at the samples of each term."""
