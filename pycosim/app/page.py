@@ -316,7 +316,7 @@ class Page:
 
     def _signature(self, finding):
         step = self.bench.step
-        attached = [(e.id, p.name) for e, p in step.model.attached]
+        attached = step.model.keys
         model = compile_model(self.bench.library, step.model.rig, [*attached, finding.key])
         self.plot(charts.signature(self.bench.dataset, (step.model, step.fit), (model, finding.fit), finding.key))
 

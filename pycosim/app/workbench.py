@@ -12,6 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from ..compile import Library, compile_model
+from ..data.dataset import Dataset
+from ..diagnosis.decide import Finding, nudged
+from ..diagnosis.search import diagnosed
 from ..core.errors import PycosimError, StudyError
 from ..data.dataset import Dataset
 from ..data.logs import load
@@ -187,7 +190,7 @@ class Workbench:
         PycosimError
         """
         step = self.step
-        found = diagnose(self.dataset, step.model, step.fit, self.study.seed, progress)
+        found = diagnosed(self.dataset, step.model, step.fit, self.study.seed, progress)
         if self.step is step:
             self.found = found
 
@@ -205,7 +208,7 @@ class Workbench:
             The effect is there already, or cannot be fitted.
         """
         say, step = progress or (lambda text: None), self.step
-        attached = [(e.id, p.name) for e, p in step.model.attached]
+        attached = step.model.keys
         if (effect, place) in attached:
             raise StudyError(f"'{effect}' at '{place}' is in the model already")
         say(f"fitting {effect} at {place}")

@@ -184,9 +184,8 @@ def _identify(run, arguments):
 
 def _diagnose(run, arguments):
     from ..compile import compile_model
-    from ..diagnosis import compare
-    from ..diagnosis.decide import diagnose
-    found = diagnose(run.dataset, run.model, run.fit(), run.study.seed, run.progress)
+    from ..diagnosis.search import diagnosed
+    found = diagnosed(run.dataset, run.model, run.fit(), run.study.seed, run.progress)
     if found.winner is not None and run.dataset.is_test.any():
         larger = compile_model(run.library, run.study.rig, [*run.study.effects, found.winner.key])
         found.winner.held_out_error = compare.errors(run.dataset, larger, found.winner.fit, "test")

@@ -168,6 +168,11 @@ class Model:
         if probes:
             self.text = _with_probes(self)
 
+    @property
+    def keys(self):
+        """Effect and place names of what is attached, as `compile_model` takes them."""
+        return [(effect.id, place.name) for effect, place in self.attached]
+
     @cached_property
     def flat(self):
         """The flattened model."""

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 DITHERED = 0.5
-"""Noise, in steps, from which rounding is noise like any other: the error of a quantiser dithered by Gaussian noise of half
-a step is white within 1 % (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
+"""Noise, in steps, from which rounding is noise like any other: the error of a quantiser dithered by Gaussian noise of
+half a step is white within 1 % (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
 FEWEST = 8  # different values that a column must take for its lattice to be seen
 
 

@@ -18,17 +18,22 @@ class Selection:
 
     Attributes
     ----------
-    raw : ndarray, shape (blocks,)
-        Weighted sum of squares a block.
+    channels : ndarray, shape (channels, blocks)
+        Weighted sum of squares of each channel.
     white : ndarray, shape (blocks,)
         The same of the whitened residual: sharper between rivals.
     usual : ndarray, shape (channels, 1)
         Noise level at which models are compared.
     """
 
-    raw: np.ndarray
+    channels: np.ndarray
     white: np.ndarray
     usual: np.ndarray
+
+    @property
+    def raw(self):
+        """Weighted sum of squares a block, of all channels together."""
+        return self.channels.sum(0)
 
 
 def select(dataset, model, fit, noise, usual=None):
@@ -59,28 +64,28 @@ def select(dataset, model, fit, noise, usual=None):
     slope = np.concatenate([j for _, _, j in sloped.blocks(fit.values)], axis=2) * (usual / level)[:, None, :]
     blocks, index = np.unique(problem.block, return_inverse=True)
     size = len(fit.free) + 1
-    raw, white = np.zeros((len(blocks), size, size)), np.zeros((len(blocks), size, size))
-    chain, pieces = problem.chain, contiguous(problem.time, problem.group)
+    raw = np.zeros((len(noise), len(blocks), size, size))
+    white, chain, pieces = np.zeros_like(raw), problem.chain, contiguous(problem.time, problem.group)
     for c, w in enumerate(fit.weights):
         rows = np.concatenate([slope[c], residual[c][None]])
-        for found, values in ((raw, w * rows), (white, noise[c].whiten(rows, chain))):
+        for found, values in ((raw[c], w * rows), (white[c], noise[c].whiten(rows, chain))):
             for s in pieces:
                 found[index[s.start]] += values[:, s] @ values[:, s].T
     low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
     high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
     fold = dataset.fold[blocks]
-    return Selection(*(_cross_validate(g, fold, low, high) for g in (raw, white)), usual)
+    return Selection(_cross_validate(raw, fold, low, high), _cross_validate(white, fold, low, high).sum(0), usual)
 
 
 def _cross_validate(gram, fold, low, high):
-    error = np.zeros(len(gram))
-    whole = gram.sum(0)
+    """Squares of each channel and block, with parameters fitted to the other folds."""
+    error, whole = np.zeros(gram.shape[:2]), gram.sum((0, 1))
     for f in np.unique(fold):
         inside = fold == f
-        rest = whole - gram[inside].sum(0)
+        rest = whole - gram[:, inside].sum((0, 1))
         _, x = bounded(rest[:-1, :-1], rest[:-1, -1], low, high)
         y = np.r_[-x, 1.0]
-        error[inside] = np.einsum("i,bij,j->b", y, gram[inside], y)
+        error[:, inside] = np.einsum("i,cbij,j->cb", y, gram[:, inside], y)
     return error
 
 

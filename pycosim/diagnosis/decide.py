@@ -14,14 +14,15 @@ import numpy as np
 from ..compile import catalogue, compile_model, component_name
 from ..core.errors import PycosimError
 from .crossval import difference, select
-from .dependence import dependence, noise_floor
+from .constancy import LACK, constancy
+from .dependence import RELEVANT, dependence, noise_floor
 from .excitation import smallest, undetectable, varied
 from .lack_of_fit import unexplained
 from .scores import LEVEL, Scores
 from .table import Table
 from ..fit import least_squares
 
-PART = 0.8  # of what a free function of one variable explains, that an accepted effect must explain
+ALIKE = 0.2  # of what the best takes away, that an alternative may leave
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
 REFITS = 10
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
@@ -42,6 +43,11 @@ class Finding:
     coefficients: dict = field(default_factory=dict)
     twins: list = field(default_factory=list)
     start: dict = field(default_factory=dict)
+    sizes: dict = field(default_factory=dict)
+    provisional: bool = False
+    refused: str | None = None
+    explained_by: dict | None = None
+    constancy: object = None
     selection: object = None
     fit: object = None
 
@@ -72,6 +78,8 @@ class Diagnosis:
         What the log varies.
     unexplained : dict or None
         Where a residual that no effect explains lives; see `unexplained.unexplained`.
+    channels : dict of str to dict
+        What each channel says for itself: ``verdict``, ``error``, ``floor``, ``resolution``, ``depends_on``.
     """
 
     verdict: str
@@ -84,6 +92,17 @@ class Diagnosis:
     smallest: list = field(default_factory=list)
     excitation: list = field(default_factory=list)
     unexplained: dict | None = None
+    channels: dict = field(default_factory=dict)
+
+    @property
+    def provisional(self):
+        """The finding that would be added, if its coefficient turns out to be constant beside others; or None."""
+        return next((c for c in self.candidates if c.provisional), None)
+
+    def accept(self):
+        """Accept the provisional finding: beside other effects its coefficient turned out to be constant."""
+        found = self.provisional
+        found.accepted, found.provisional, self.verdict, self.unexplained = True, False, "missing_effect", None
 
     @property
     def winner(self):
@@ -113,21 +132,32 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     scores = Scores(table, seed)
     findings = _findings(table, scores)
     base = select(dataset, model, fit, scores.single)
-    rivals = _refit_best(dataset, model, fit, scores, findings, base.usual, table, say)
-    depends, alarm = dependence(dataset, model, fit, seed)
-    shape = PART * depends[0]["strength"] if depends else 0.0
-    _decide(findings, rivals, base, {e.id: e.refines for e in catalogue(dataset.library).values()}, shape)
-    for winner in [f for f in findings if f.accepted]:
-        larger = compile_model(dataset.library, model.rig, [*((e.id, p.name) for e, p in model.attached), winner.key])
-        winner.fit = least_squares.fit(dataset, larger, winner.fit.parameters)
-        winner.coefficients = _coefficients(larger, winner.fit)
+    rivals = _refit_best(dataset, model, fit, scores, findings, base, table, say)
+    told = dependence(dataset, model, fit, seed)
+    depends, alarm = told.variables, told.sure
+
+    def steady(finding):
+        larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
+        finding.constancy = constancy(dataset, larger, finding.fit, scores.single)[finding.key]
+        return finding.constancy.gain <= LACK * difference(base.white, finding.selection.white)[0]
+
+    _decide(findings, rivals, base, {e.id: e.refines for e in catalogue(dataset.library).values()}, steady)
+    chosen = next((f for f in findings if f.accepted or f.provisional), None)
+    if chosen is not None:
+        larger = compile_model(dataset.library, model.rig, [*model.keys, chosen.key])
+        chosen.fit = least_squares.fit(dataset, larger, chosen.fit.parameters)
+        chosen.coefficients = _coefficients(larger, chosen.fit)
+        _explained_by(findings, chosen, scores)
     say("looking at what is left")
     hidden = undetectable(table, scores)
     verdict = _verdict(findings, alarm, hidden, dataset, model.attached)
     floor = noise_floor(dataset, model, fit)
+    winner, provisional = (chosen if chosen and chosen.accepted else None), (
+        chosen if chosen and chosen.provisional else None)
+    channels = _channels(fit.error, floor, told, base, winner, dataset.steps, provisional)
     mystery = unexplained(table, depends, floor) if verdict == "unexplained" and not dataset.averaged else None
     return Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single, smallest(scores, LEVEL),
-                     varied(table), mystery)
+                     varied(table), mystery, channels)
 
 
 def _findings(table, scores):
@@ -165,7 +195,7 @@ def _start(candidate, coefficients):
     return {f"{base}.{n}": v for n, v in values.items()}
 
 
-def _refit_best(dataset, model, fit, scores, findings, usual, table, say):
+def _refit_best(dataset, model, fit, scores, findings, base, table, say):
     """Fit the model with each of the best candidates; fills the findings and returns those that were fitted.
 
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
@@ -174,21 +204,21 @@ def _refit_best(dataset, model, fit, scores, findings, usual, table, say):
     def refitted(some):
         for k, f in enumerate(some, 1):
             say(f"refitting with {f.effect} at {f.place}, {k} of {len(some)}")
-            if _refit(dataset, model, fit, scores, f, usual, table):
+            if _refit(dataset, model, fit, scores, f, base.usual, table):
                 yield f
 
     likely = [f for f in findings if f.p_value < 10 * LEVEL]
     fitted = list(refitted(likely[:REFITS]))
     if fitted:
         best = min(fitted, key=lambda f: f.selection.white.sum())
-        effects = {f.effect for f in fitted if _twins(f, best)}
+        effects = {f.effect for f in fitted if _twins(base, f, best)}
         fitted += refitted([f for f in likely[REFITS:] if f.effect in effects])
     return fitted
 
 
 def _refit(dataset, model, fit, scores, finding, usual, table):
     """Fit the model with one candidate; whether it could be fitted."""
-    larger = compile_model(dataset.library, model.rig, [*((e.id, p.name) for e, p in model.attached), finding.key])
+    larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
     start = {**fit.parameters, **finding.start}
     for component in larger.attached[-1][1].components:
         name = f"{component}.f0"
@@ -204,7 +234,18 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
         return False
     finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
     finding.coefficients = _coefficients(larger, finding.fit)
+    base = component_name(*larger.attached[-1])
+    finding.sizes = {c: larger.parameters[f"{base}.{c}"].value for c in larger.attached[-1][0].size
+                     if c in finding.coefficients}
     return True
+
+
+def _explained_by(findings, chosen, scores):
+    """Mark the candidates whose evidence is gone beside the chosen one."""
+    beside = scores.beside(chosen.key)
+    for f in findings:
+        if f is not chosen and f.p_value < LEVEL and beside.get(f.key, 1.0) >= LEVEL:
+            f.explained_by = {"effect": chosen.effect, "place": chosen.place}
 
 
 def _coefficients(model, fit):
@@ -239,24 +280,30 @@ def nudged(start, model, finding):
     return start
 
 
-def _decide(findings, rivals, base, refines, shape):
-    """Order the refitted candidates, accept the first that earns it, and name its twins."""
+def _decide(findings, rivals, base, refines, steady):
+    """Order the refitted candidates, accept the first that earns it, and name what these data cannot tell it from.
+
+    ``steady(finding)`` says whether a finding's coefficient is the same all over the data.
+    """
     if not rivals:
         return
     parameters = {f.key: len(f.fit.free) for f in rivals}
     rivals.sort(key=lambda f: f.selection.white.sum() + 2 * parameters[f.key])
     rest = [f for f in findings if f not in rivals]
     findings[:] = [*rivals, *rest]
-    earned = [f for f in rivals if f.p_value < LEVEL and _earns(base, f, shape)]
+    for f in rivals:
+        f.refused = _refused(base, f)
+    earned = [f for f in rivals if f.refused is None]
     if not earned:
         return
     best = earned[0]
-    twins = [f for f in rivals if f is not best and _twins(f, best)]
-    plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(f, best, 3.0)), None)
+    twins = [f for f in rivals if f is not best and _twins(base, f, best)]
+    plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(base, f, best, 3.0)), None)
     if plain is not None:  # a correction of an effect is not claimed where the effect itself does nearly as well
         twins = [best, *[t for t in twins if t is not plain]]
         best = plain
-    best.accepted = True
+    best.accepted = steady(best)
+    best.provisional = not best.accepted
     findings.remove(best)
     findings.insert(0, best)
     for other in twins:
@@ -264,20 +311,36 @@ def _decide(findings, rivals, base, refines, shape):
         other.twins.append({"effect": best.effect, "place": best.place})
 
 
-def _earns(base, finding, shape):
-    """Whether the error on unseen folds falls by more than its own standard error, and enough.
+def _refused(base, finding):
+    """Why a refitted candidate is no finding by itself, in words; None for one that is.
 
-    Enough is most of what a free function of one variable takes away: an effect that takes less of it has another shape
-    than what is missing, and would stand in for something unknown.
+    It must be more than chance, predict unseen blocks better by more than the error of that, and by enough to matter,
+    in the channel that it changes most too; and its size must differ from nothing.
     """
+    if finding.p_value >= LEVEL:
+        return "no more than chance"
+    falls = base.channels - finding.selection.channels
     fall, spread = difference(base.raw, finding.selection.raw)
-    return fall > spread and fall > shape * base.raw.sum()
+    shares = falls.sum(1) / base.channels.sum(1)
+    own = int(np.argmax(np.abs(shares)))
+    if fall <= spread or shares[own] <= 0:
+        return "no better on passes that it was not fitted to"
+    if shares[own] < RELEVANT:
+        return f"too small to matter: {100 * shares[own]:.2g} % of the squared error"
+    sizes = [c["ci95"] for n, c in finding.coefficients.items() if n in finding.sizes]
+    if sizes and all(low <= finding.sizes[n] <= high for (low, high), n in zip(sizes, finding.sizes)):
+        return "its interval holds zero"
+    return None
 
 
-def _twins(other, best, errors=SEPARATE):
-    """Whether unseen folds cannot tell two refitted candidates apart by so many standard errors."""
+def _twins(base, other, best, errors=SEPARATE):
+    """Whether unseen folds cannot tell two refitted candidates apart: by so many standard errors, and what they take.
+
+    Rivals that take away very different parts of the error are no alternatives, however noisy the comparison.
+    """
     gap, spread = difference(other.selection.white, best.selection.white)
-    return gap <= errors * spread or gap < 2.0 * errors ** 2
+    fall = difference(base.white, best.selection.white)[0]
+    return gap < 2.0 * errors ** 2 or (gap <= errors * spread and gap < ALIKE * fall)
 
 
 def _verdict(findings, alarm, hidden, dataset, attached):
@@ -286,6 +349,26 @@ def _verdict(findings, alarm, hidden, dataset, attached):
     unseen = {(h["effect"], h["place"]) for h in hidden}
     if np.count_nonzero(~dataset.is_test) < 2 or (not attached and all(f.key in unseen for f in findings)):
         return "not_enough_excitation"
-    if alarm or any(f.p_value < LEVEL for f in findings):
+    if alarm or any(f.provisional for f in findings):
         return "unexplained"
     return "nothing_missing"
+
+
+def _channels(error, floor, told, base, winner, steps, provisional):
+    """What each channel says for itself.
+
+    A channel misses an effect where the accepted one lowers its unseen error, and something unknown where its residual
+    depends on something and no effect explains that.
+    """
+    found = {}
+    for k, (name, own) in enumerate(told.channels.items()):
+        verdict = "unexplained" if own.sure else "nothing_missing"
+        for finding, word in ((winner, "missing_effect"), (provisional, "unexplained")):
+            if finding is not None:
+                fall, spread = difference(base.channels[k], finding.selection.channels[k])
+                if fall > spread and fall > RELEVANT * base.channels[k].sum():
+                    verdict = word
+        found[name] = {"verdict": verdict, "error": error[name], "floor": floor[name],
+                       "resolution": steps.get(name, 0.0),
+                       "depends_on": [v for v in own.variables if v["strength"] >= RELEVANT][:5] if own.sure else []}
+    return found

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
+from ..compile import compile_model
+from ..data.instruments import rounding
 from ..data.noise import contiguous
 
 BINS = 24
 MOMENTS = 1.5  # [s]: a stretch in which friction that comes and goes is taken to last
 ALARM = 4.0  # standard errors by which a dependence must lower the error on blocks that it was not fitted to ..
+RELEVANT = 0.01
+"""Least share of the energy that matters: half a percent of the error, which nobody would notice in an estimate."""
+SAMPLES = 20000  # that bins are compared on
+BROAD = 1.1  # times its energy in a few draws, that rounding may leave
+AGAIN = 4  # times that what was measured is rounded anew
 SHARE, FEW = 0.05, 1.5  # .. or this share of the error's energy, where few blocks hold it, and so many standard errors
 
 
@@ -94,8 +103,9 @@ def explanations(dataset, model, fit, problem_index):
     study = dataset.study
     column = {c.variable: n for n, c in study.columns.items()}
     found = {}
-    for variable, values in dataset.measured.items():
-        found[column.get(variable, variable)] = dataset.exogenous().get(variable, values)
+    known = {**dataset.exogenous(), **({} if dataset.paired else dataset.predicted(model, fit.parameters))}
+    for variable, values in dataset.measured.items():  # a residual's own noise is in what was measured
+        found[column.get(variable, variable)] = known.get(variable, values)
     if not dataset.averaged:
         found["time"] = dataset.time
         found["time_since_reversal"] = time_since_reversal(dataset)
@@ -134,12 +144,33 @@ def time_since_reversal(dataset):
     return since
 
 
+@dataclass
+class Dependence:
+    """What a residual still depends on.
+
+    Attributes
+    ----------
+    variables : list of dict
+        ``{"variable": .., "strength": ..}``, most first: the share of the energy that a free function of it takes away
+        on blocks that it was not fitted to, beyond what rounding would give it.
+    sure : bool
+        Whether that is more than chance, and enough to matter.
+    channels : dict of str to Dependence
+        The same of each channel alone; empty for those.
+    """
+
+    variables: list
+    sure: bool
+    channels: dict = field(default_factory=dict)
+
+
 def dependence(dataset, model, fit, seed=0):
     """What the residual still depends on, most first, and whether that is more than chance.
 
     For every variable, the residual is predicted from bins of it, times the response of the channels to friction at
     each place (and plainly), on blocks that the bins were not fitted to. The strength is the share of the residual's
-    energy that this removes.
+    energy that this removes, less the share that it would remove of what rounding alone leaves. Each channel answers
+    for itself too.
 
     Parameters
     ----------
@@ -150,62 +181,122 @@ def dependence(dataset, model, fit, seed=0):
 
     Returns
     -------
-    found : list of dict
-        ``{"variable": .., "strength": ..}``.
-    sure : bool
-        Whether the strongest is beyond chance.
+    Dependence
     """
-    from ..compile import compile_model
+    given = _Given.of(dataset, model, fit, seed)
+    channels = {c: _dependence(given, np.arange(len(dataset.channels)) == k) for k, c in enumerate(dataset.channels)}
+    whole = _dependence(given, given.beyond_rounding())
+    sure = [c for c in channels.values() if c.sure]
+    if sure and not whole.sure:
+        whole = max(sure, key=lambda c: c.variables[0]["strength"])
+    return Dependence(whole.variables, whole.sure, channels)
 
-    probes = compile_model(dataset.library, model.rig, [(e.id, p.name) for e, p in model.attached], True)
-    names = [n for n in probes.parameters if n.startswith("probe_") and n.rsplit(".", 1)[1] in ("dF", "dtau")]
-    parameters = {**{n: v.value for n, v in probes.parameters.items()}, **fit.parameters}
-    problem = dataset.residuals(probes, [*fit.free, *names], parameters, "fit", dataset.exogenous())
-    residual = dataset.residuals(model, fit.free, fit.parameters, "fit").residual(fit.values)
-    view = dataset.view("fit")
-    index = view.i if dataset.paired else view
-    thin = max(1, problem.n // 20000)
-    problem, index, residual = problem.thin(thin), index[::thin], residual[:, ::thin]
-    x = [*fit.values, *np.zeros(len(names))]
-    slope = np.concatenate([j[:, len(fit.free):] for _, _, j in problem.blocks(x)], axis=2)
-    plain = np.zeros((len(residual), len(residual), problem.n))
-    plain[np.arange(len(residual)), np.arange(len(residual))] = 1.0
-    drives = np.concatenate([slope, plain], axis=1)
-    blocks, label = np.unique(problem.block, return_inverse=True)
-    fold = dataset.fold[blocks][label]
-    weights = fit.weights[:, None] ** 2
-    energy = float((weights * residual ** 2).sum())
-    waves = list(drives.transpose(1, 0, 2))
-    drives = [((weights * d * residual).sum(0), (weights * d ** 2).sum(0)) for d in waves]
+
+@dataclass
+class _Given:
+    """Residual, responses to friction, variables and folds, thinned to what bins need."""
+
+    dataset: object
+    problem: object
+    residual: np.ndarray
+    waves: list
+    frictions: list
+    weights: np.ndarray
+    bins: dict
+    fold: np.ndarray
+    label: np.ndarray
+    roundings: np.ndarray
+
+    @classmethod
+    def of(cls, dataset, model, fit, seed):
+        """Gather what is needed, once for all channels."""
+        probes = compile_model(dataset.library, model.rig, model.keys, True)
+        names = [n for n in probes.parameters if n.startswith("probe_") and n.rsplit(".", 1)[1] in ("dF", "dtau")]
+        parameters = {**{n: v.value for n, v in probes.parameters.items()}, **fit.parameters}
+        problem = dataset.residuals(probes, [*fit.free, *names], parameters, "fit", dataset.exogenous())
+        residual = dataset.residuals(model, fit.free, fit.parameters, "fit").residual(fit.values)
+        view = dataset.view("fit")
+        index = view.i if dataset.paired else view
+        thin = max(1, problem.n // SAMPLES)
+        problem, index, residual = problem.thin(thin), index[::thin], residual[:, ::thin]
+        x = [*fit.values, *np.zeros(len(names))]
+        slope = np.concatenate([j[:, len(fit.free):] for _, _, j in problem.blocks(x)], axis=2)
+        plain = np.zeros((len(residual), len(residual), problem.n))
+        plain[np.arange(len(residual)), np.arange(len(residual))] = 1.0
+        waves = list(np.concatenate([slope, plain], axis=1).transpose(1, 0, 2))
+        blocks, label = np.unique(problem.block, return_inverse=True)
+        drawn, rng = rounding(dataset, model, fit), np.random.default_rng(seed)
+        roundings = [drawn(rng)[:, ::thin] for _ in range(AGAIN)] if drawn else []
+        bins = {n: _bins(v) for n, v in explanations(dataset, model, fit, index).items()}
+        return cls(dataset, problem, residual, waves, [n.endswith(".dF") for n in names], fit.weights[:, None] ** 2,
+                   bins, dataset.fold[blocks][label], label, np.array(roundings))
+
+    def beyond_rounding(self):
+        """Channels of whose residual rounding is the lesser part; all, where it is the larger part of each."""
+        energy = (self.residual ** 2).sum(1)
+        mine = np.max([(r ** 2).sum(1) for r in self.roundings], axis=0) if len(self.roundings) else 0.0 * energy
+        return mine < 0.5 * energy if (mine < 0.5 * energy).any() else np.ones(len(energy), dtype=bool)
+
+    def drives(self, weights, residual):
+        """Products of each wave with a residual, and with itself."""
+        return [((weights * w * residual).sum(0), (weights * w ** 2).sum(0)) for w in self.waves]
+
+    def removed(self, drives, bins, energy):
+        """Share of the energy, and its standard errors, that each wave times a function of bins removes."""
+        count = self.label.max() + 1
+        return [explained(xy, xx, energy, bins, self.fold, self.label, count) for xy, xx in drives]
+
+
+def _dependence(given, chosen):
+    """What the chosen channels depend on, together."""
+    weights = given.weights * chosen[:, None]
+    energy = float((weights * given.residual ** 2).sum())
+    if energy <= 0.0:
+        return Dependence([], False)
+    drives = given.drives(weights, given.residual)
+    rounded = [given.drives(weights, r) for r in given.roundings]
+    beyond = 1.0 - BROAD * max(((weights * r ** 2).sum() / energy for r in given.roundings), default=0.0)
     found, sure, most = [], False, (0.0, None)
-    for name, values in explanations(dataset, model, fit, index).items():
-        bins = _bins(values)
-        tried = [_explained(xy, xx, energy, bins, fold, label, len(blocks)) for xy, xx in drives]
+    for name, bins in given.bins.items():
+        tried = given.removed(drives, bins, energy)
         k = max(range(len(tried)), key=lambda i: tried[i][0])
-        found.append({"variable": name, "strength": max(0.0, float(tried[k][0]))})
-        sure |= _beyond_chance(*tried[k])
-        most = max(most, (tried[k][0], (k, bins)), key=lambda m: m[0])
-    if not dataset.paired and not dataset.averaged:
-        left = _without(residual, waves, drives, most)
-        frictions = [w for w, n in zip(waves, names) if n.endswith(".dF")]
-        share, errors = max((_bursts(left, w, weights, problem, energy) for w in frictions), default=(0.0, 0.0))
-        sure |= share > 0 and errors > ALARM
-        for entry in found:
-            if entry["variable"] == "time":
-                entry["strength"] = max(entry["strength"], share)
+        share, errors = tried[k]
+        if share > RELEVANT and rounded:  # a sawtooth is a function of its angle, and nothing that is missing
+            share -= max(max(t[0] for t in given.removed(again, bins, energy)) for again in rounded)
+            share = min(share, beyond)
+        found.append({"variable": name, "strength": max(0.0, float(share))})
+        sure |= _beyond_chance(share, errors)
+        most = max(most, (share, (k, bins)), key=lambda m: m[0])
+    if not given.dataset.paired and not given.dataset.averaged:
+        sure |= _comes_and_goes(given, weights, drives, most, energy, found)
     found = [{**e, "strength": round(e["strength"], 4)} for e in found]
+    return Dependence(_ordered(given.dataset, found), bool(sure))
+
+
+def _comes_and_goes(given, weights, drives, most, energy, found):
+    """Whether friction comes and goes with time alone; tells the strength of time so."""
+    left = _without(given.residual, given.waves, drives, most)
+    frictions = [w for w, friction in zip(given.waves, given.frictions) if friction]
+    share, errors = max((_bursts(left, w, weights, given.problem, energy) for w in frictions), default=(0.0, 0.0))
+    for entry in found:
+        if entry["variable"] == "time":
+            entry["strength"] = max(entry["strength"], share)
+    return share > RELEVANT and errors > ALARM
+
+
+def _ordered(dataset, found):
+    """Most first; of variables that follow from each other, the angle before what it causes."""
     angles = {n for n, c in dataset.study.columns.items() if c.variable.endswith("phi")}
     channels = {n for n, c in dataset.study.columns.items() if c.variable in dataset.outputs}
 
     def order(entry):
-        """Most first; of variables that follow from each other, the angle before what it causes."""
         name = entry["variable"]
         return -entry["strength"] * (1.02 if name in angles else 0.9 if name in channels else 1.0)
-    return sorted(found, key=order), bool(sure)
+    return sorted(found, key=order)
 
 
 def _beyond_chance(share, errors):
-    return (errors > ALARM and share > 0) or (share > SHARE and errors > FEW)
+    return (errors > ALARM and share > RELEVANT) or (share > SHARE and errors > FEW)
 
 
 def _without(residual, waves, drives, most):
@@ -255,11 +346,24 @@ def _bins(values):
     return np.searchsorted(np.unique(np.r_[equal, wide]), values)
 
 
-def _explained(xy, xx, energy, bins, fold, block, count):
+def explained(xy, xx, energy, bins, fold, block, count):
     """Share of energy removed out of fold, and how many standard errors over the blocks that is.
 
-    ``xy`` and ``xx`` are, sample by sample, the products of a drive with the residual and with itself: a bin's factor
-    beta on the drive takes ``beta (2 xy - beta xx)`` of the energy.
+    A bin's factor beta on the drive takes ``beta (2 xy - beta xx)`` of the energy.
+
+    Parameters
+    ----------
+    xy, xx : ndarray, shape (n,)
+        Products of a drive with the residual and with itself, sample by sample.
+    energy : float
+        Of the residual.
+    bins, fold, block : ndarray of int, shape (n,)
+    count : int
+        Number of blocks.
+
+    Returns
+    -------
+    share, errors : float
     """
     k, f = bins.max() + 1, fold.max() + 1
     cell = fold * k + bins

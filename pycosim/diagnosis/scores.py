@@ -19,6 +19,7 @@ from ..fit.least_squares import bounded
 
 LEVEL = 0.01
 DRAWS = 1999
+SHADOW = 1e-4  # of a column, that must be left beside another for it to be more than its shadow
 ROUNDINGS = 40
 """Times that what was measured is rounded anew: the spread of a score is then known to about a tenth."""
 PRESSED = 12.0  # variances that lifting a bound must win for its parameter not to absorb anything: 0.05 % by chance
@@ -389,6 +390,42 @@ class Scores:
         if candidate is None:
             return low, high
         return np.r_[low, candidate.lower], np.r_[high, candidate.upper]
+
+    def beside(self, key):
+        """Family-wise p-values of all candidates, with one of them in the model.
+
+        Parameters
+        ----------
+        key : (str, str)
+            Effect and place of that one; at all points of its grid.
+
+        Returns
+        -------
+        dict of (str, str) to float
+        """
+        base, p = self._absorb[0], self.p
+        mine = [c for c in self.candidates if c.key == key]
+        given = [*base, *sorted({p + k for c in mine for part in c.parts for k in part})]
+        inverse, _ = least_squares.invert(self.gram[np.ix_(given, given)])
+        found = {}
+        for score in self.results:
+            candidate = score.candidate
+            if not score.visible or candidate.key == key:
+                continue
+            groups = [p + np.array(part) for part in candidate.parts]
+            cross = np.array([self.gram[np.ix_(g, given)].sum(0) for g in groups])
+            own = _summed(self.gram, groups)
+            inner = own - cross @ inverse @ cross.T
+            moved = np.array([self.gram[g, -1].sum() for g in groups]) - cross @ (inverse @ self.gram[given, -1])
+            if np.min(np.diag(inner) / np.diag(own)) < SHADOW:
+                value = 0.0
+            else:
+                value = float(moved @ np.linalg.lstsq(inner, moved, rcond=1e-9)[0])
+                value /= self.variance * self._inflation(candidate)
+            sided = len(groups) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
+            told = self.family(float(self._surprise(value, len(groups), sided)))
+            found[candidate.key] = min(told, found.get(candidate.key, 1.0))
+        return found
 
     def family(self, surprise):
         """Family-wise p-value of a surprise.

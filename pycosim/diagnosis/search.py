@@ -8,9 +8,11 @@ from . import compare
 from ..fit import least_squares
 from ..compile import compile_model
 from .decide import diagnose
+from .constancy import LACK, constancy
 from .crossval import difference, select
 
 MOST = 6  # effects that one search may add
+AHEAD = 4  # effects that the search goes on with, to see whether a coefficient becomes constant
 
 
 @dataclass
@@ -76,7 +78,9 @@ def improve(dataset, model=None, seed=0, progress=None):
     """Diagnose, add, refit, until no effect is accepted; then look at each effect again beside those found after it.
 
     An effect that was chosen while another was missing may stand in for it: it is chosen again with the others in the
-    model, and taken out where they make it superfluous.
+    model, and taken out where they make it superfluous. One whose coefficient is not the same all over the data may
+    lack another effect beside it, or stand in for a law that nobody knows: the search goes on with it for a while, and
+    keeps it if in the end every coefficient is constant.
 
     Parameters
     ----------
@@ -94,9 +98,9 @@ def improve(dataset, model=None, seed=0, progress=None):
     model = model or dataset.base
     say("fitting the base model")
     steps = [step_of(dataset, model, least_squares.fit(dataset, model))]
-    first = last = diagnose(dataset, model, steps[0].fit, seed, progress)
+    first, steps, last = _first(dataset, steps, seed, progress)
     for again in range(MOST):
-        last = _grow(dataset, steps, last, seed, progress)
+        steps, last = _grow(dataset, steps, last, seed, progress)
         revised = _revised(dataset, steps, last.noise, seed, progress)
         if revised is None:
             break
@@ -109,21 +113,82 @@ def improve(dataset, model=None, seed=0, progress=None):
     return Improvement(first, last, steps)
 
 
+def diagnosed(dataset, model, fit, seed=0, progress=None):
+    """What a fitted model lacks, by the same decision that `improve` makes.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    seed : int
+    progress : callable, optional
+
+    Returns
+    -------
+    Diagnosis
+    """
+    return _first(dataset, [step_of(dataset, model, fit)], seed, progress)[0]
+
+
+def _first(dataset, steps, seed, progress):
+    """The diagnosis of the last step, and the path and diagnosis that the search goes on with."""
+    found = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + len(steps) - 1, progress)
+    if found.provisional is None:
+        return found, steps, found
+    ahead, last = _ahead(dataset, steps, found, seed, progress)
+    if ahead is None:
+        return found, steps, found
+    found.accept()
+    return found, ahead, last
+
+
+def _ahead(dataset, steps, found, seed, progress):
+    """Go on with a provisional effect: the path on which all coefficients are constant and its diagnosis, or None."""
+    path, last = list(steps), found
+    for _ in range(AHEAD):
+        chosen = last.winner or last.provisional
+        if chosen is None:
+            break
+        path.append(_added(dataset, path, chosen, progress))
+        last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress)
+        if _constant(dataset, path, last.noise, len(steps)):
+            return path, last
+    return None, None
+
+
+def _constant(dataset, steps, noise, known):
+    """Whether every effect added after the known steps has one coefficient all over the data, beside the others."""
+    full = select(dataset, steps[-1].model, steps[-1].fit, noise)
+    told = constancy(dataset, steps[-1].model, steps[-1].fit, noise)
+    for out in steps[known:]:
+        if told[out.added].gain > 0.0:
+            rest = [k for k in steps[-1].model.keys if k != out.added]
+            model = compile_model(dataset.library, steps[0].model.rig, rest)
+            fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
+            left = select(dataset, model, fit, noise, full.usual)
+            if told[out.added].gain > LACK * difference(left.white, full.white)[0]:
+                return False
+    return True
+
+
+def _added(dataset, steps, chosen, progress):
+    """The step that adds a finding."""
+    if progress:
+        progress(f"adding {chosen.effect} at {chosen.place}")
+    before = steps[-1].model
+    model = compile_model(dataset.library, before.rig, [*before.keys, chosen.key])
+    step = step_of(dataset, model, chosen.fit, chosen)
+    chosen.held_out_error = step.held_out_error
+    return step
+
+
 def _grow(dataset, steps, last, seed, progress):
-    """Add what the diagnosis accepts, step by step; returns the diagnosis that accepts nothing."""
+    """Add what the diagnosis accepts, step by step; returns the path and the diagnosis that accepts nothing."""
     while last.winner is not None and len(steps) <= MOST:
-        winner, before = last.winner, steps[-1].model
-        if progress:
-            progress(f"adding {winner.effect} at {winner.place}")
-        model = compile_model(dataset.library, before.rig, [*_attached(before), winner.key])
-        steps.append(step_of(dataset, model, winner.fit, winner))
-        winner.held_out_error = steps[-1].held_out_error
-        last = diagnose(dataset, model, winner.fit, seed + len(steps), progress)
-    return last
-
-
-def _attached(model):
-    return [(e.id, p.name) for e, p in model.attached]
+        steps = [*steps, _added(dataset, steps, last.winner, progress)]
+        _, steps, last = _first(dataset, steps, seed, progress)
+    return steps, last
 
 
 def _revised(dataset, steps, noise, seed, progress):
@@ -134,7 +199,7 @@ def _revised(dataset, steps, noise, seed, progress):
     base, full = steps[0].model, None
     for out in steps[1:-1]:
         rest = [s for s in steps[1:] if s is not out]
-        keys = [*_attached(base), *(s.added for s in rest)]
+        keys = [*base.keys, *(s.added for s in rest)]
         model = compile_model(dataset.library, base.rig, keys)
         fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
         found = diagnose(dataset, model, fit, seed, progress).winner
@@ -155,7 +220,7 @@ def _prune(dataset, steps, noise):
         full = full or select(dataset, steps[-1].model, steps[-1].fit, noise)
         for out in steps[1:-1]:
             rest = [s for s in steps[1:] if s is not out]
-            model = compile_model(dataset.library, base.rig, [*_attached(base), *(s.added for s in rest)])
+            model = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
             fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
             left = select(dataset, model, fit, noise, full.usual)
             rise, spread = difference(left.raw, full.raw)
@@ -172,11 +237,11 @@ def _ladder(dataset, base, chosen):
 
     What a diagnosis predicted holds beside the effects that were in its model, no longer beside others.
     """
-    steps, given = [base], _attached(base.model)
+    steps, given = [base], base.model.keys
     for step in chosen:
         keys = [*given, *(s.added for s in steps[1:]), step.added]
         model = compile_model(dataset.library, base.model.rig, keys)
-        same = _attached(step.model) == keys
+        same = step.model.keys == keys
         finding = step.finding if same else replace(step.finding, predicted_error={})
         steps.append(step_of(dataset, model, least_squares.fit(dataset, model, steps[-1].fit.parameters), finding))
     return steps

@@ -105,7 +105,7 @@ class Table:
     def __init__(self, dataset, model, fit, part="fit"):
         self.dataset, self.model, self.fit, self.part = dataset, model, fit, part
         self.library = dataset.library
-        self.probe_model = compile_model(self.library, model.rig, [(e.id, p.name) for e, p in model.attached], True)
+        self.probe_model = compile_model(self.library, model.rig, model.keys, True)
         self.probes = [n for n in self.probe_model.parameters if n.startswith("probe_")]
         self._evaluate()
         self._signals()
@@ -304,7 +304,7 @@ class Table:
 
     def _catalogue(self):
         self.offers, self.scans, self.unavailable, self.rejected = [], [], [], []
-        attached = {(e.id, p.name) for e, p in self.model.attached}
+        attached = set(self.model.keys)
         touched = {(e.id, c) for e, p in self.model.attached for c in p.components}
         for effect in catalogue(self.library).values():
             for place in places(self.library, self.model.rig, effect):

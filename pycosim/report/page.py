@@ -225,7 +225,7 @@ class Page:
         if finding.fit is not None:
             base = self.found.steps[0]
             key = (told["effect"], told["place"])
-            attached = [(e.id, p.name) for e, p in base.model.attached]
+            attached = base.model.keys
             model = compile_model(self.library, base.model.rig, [*attached, key])
             chart = charts.signature(self.dataset, (base.model, base.fit), (model, finding.fit), key)
             chart.id = f"rival_{chart.id}"

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..compile.contribution import effect_question
 from ..compile import component_name, find_effect
 from ..fit.nullspace import null_directions, weak_directions
 from ..study.schema import Setting
@@ -100,28 +101,35 @@ def diagnosis(found, library):
     dict
         Beyond the contract, ``refitted``: candidates that were only scored have expected coefficients without interval;
         ``conditional``: the interval comes from the data that chose the effect, and holds if the effect is there;
-        the cards of `cards`, what the log varies, and where an unexplained residual lives.
+        ``explained_by``, the accepted effect beside which a candidate's evidence vanishes; ``refused``, why a refitted
+        candidate is no finding; ``varies_with``, what the coefficient of one that stands in for another law differs
+        over; ``channels``, what each channel says for itself; the cards of `cards`, what the log varies, and where an
+        unexplained residual lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
                   "candidates": [_candidate(c, library, found.error) for c in found.candidates],
                   "residual_depends_on": found.residual_depends_on, "undetectable": found.undetectable,
                   "excitation": found.excitation, "smallest_detectable": found.smallest,
-                  "unexplained": found.unexplained})
+                  "unexplained": found.unexplained, "channels": found.channels})
 
 
 def _candidate(c, library, error):
-    if not c.coefficients:
-        from ..compile.contribution import effect_question
-        known = effect_question(library, find_effect(library, c.effect)).variables
-        names = {n.rsplit(".", 1)[-1]: v for n, v in c.start.items()}
-        c.coefficients = {n: {"value": v, "ci95": [None, None], "unit": known[n].unit if n in known else "1"}
-                          for n, v in names.items()}
-    return {"effect": c.effect, "place": c.place, "accepted": c.accepted, "p_value": c.p_value,
+    told = {"effect": c.effect, "place": c.place, "accepted": c.accepted, "p_value": c.p_value,
             "p_value_single": c.p_value_single, "predicted_error": c.predicted_error,
             "predicted_fall": cards.fall(error, c.predicted_error), "held_out_error": c.held_out_error or None,
-            "coefficients": c.coefficients, "conditional": c.fit is not None, "twins": c.twins,
-            "refitted": c.fit is not None, "experiment": cards.experiment(library, c),
-            "variable": cards.variable(library, c), "sentence": cards.sentence(library, c, error)}
+            "coefficients": c.coefficients or _expected(c, library), "conditional": c.fit is not None,
+            "twins": c.twins, "refitted": c.fit is not None, "explained_by": c.explained_by, "refused": c.refused,
+            "varies_with": c.constancy.variable if c.provisional else None}
+    return {**told, "experiment": cards.experiment(library, c), "variable": cards.variable(library, c),
+            "sentence": cards.sentence(library, c, error)}
+
+
+def _expected(c, library):
+    """Coefficients of a candidate that was only scored: no interval."""
+    known = effect_question(library, find_effect(library, c.effect)).variables
+    names = {n.rsplit(".", 1)[-1]: v for n, v in c.start.items()}
+    return {n: {"value": v, "ci95": [None, None], "unit": known[n].unit if n in known else "1"}
+            for n, v in names.items()}
 
 
 def ladder(steps, dataset):
@@ -164,4 +172,4 @@ def improved_study(study, model, fit):
     for effect, place in model.attached:  # other logs have other means, and would make other coefficients of the fitted
         for name in (f"{component_name(effect, place)}.{n}" for n in effect.means):
             settings[name] = Setting(value=float(f"{fit.parameters[name]:.9g}"), fixed=True)
-    return replace(study, effects=[(e.id, p.name) for e, p in model.attached], parameters=settings)
+    return replace(study, effects=model.keys, parameters=settings)

@@ -9,6 +9,7 @@ import numpy as np
 from ..compile import Place, component_name, find_effect
 from ..compile.effects import annotation
 from ..diagnosis.compare import worded
+from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
 
 # --- sentences ------------------------------------------------------------------------------------------------------
@@ -233,7 +234,19 @@ def summary_diagnosis(result, library=None, final=False):
     """
     lines = {"missing_effect": _missing, "unexplained": _unexplained, "nothing_missing": _nothing,
              "not_enough_excitation": _too_little}[result["verdict"]](result, library, final)
-    return lines + _smallest(result["smallest_detectable"]) + summary_undetectable(result["undetectable"])
+    lines += _by_channel(result) + _smallest(result["smallest_detectable"])
+    return lines + summary_undetectable(result["undetectable"])
+
+
+def _by_channel(result):
+    """What each channel says, where they do not all say the same."""
+    verdicts = {}
+    for name, told in (result.get("channels") or {}).items():
+        verdicts.setdefault(told["verdict"], []).append(name)
+    if len(verdicts) < 2:
+        return []
+    return ["By channel: " + "; ".join(f"{v.replace('_', ' ')} in {_joined(names)}" for v, names in verdicts.items())
+            + "."]
 
 
 def _smallest(entries, most=4):
@@ -292,10 +305,7 @@ def _unexplained(result, library, final):
                if d["strength"] > 0]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
     line += f"; what is left depends most on {_joined(depends)}." if depends else "."
-    significant = [c for c in result["candidates"] if c["p_value"] < 0.01][:3]
-    if significant:
-        line += (f" Significant, but no better on passes they were not fitted to: "
-                 f"{_joined(_names(significant))}.")
+    line += _refusals(result["candidates"])
     mystery = result["unexplained"]
     if mystery and mystery["proposal"]:
         line += f" {mystery['proposal']['text']}"
@@ -303,6 +313,18 @@ def _unexplained(result, library, final):
             line += (" It is written as guess.mo, to be tried as an effect of your own: "
                      "modelica = [\"guess.mo\"] in [rig].")
     return [line, _at_floor(result)]
+
+
+def _refusals(candidates):
+    """Why significant candidates are no answer."""
+    found = ""
+    for c in [c for c in candidates if c.get("varies_with")][:1]:
+        found += (f" {c['effect']} at {c['place']} would lower the error, but its coefficient is not the same all over "
+                  f"the data: it differs with {c['varies_with']}, so that another law is at work.")
+    reasons = {}
+    for c in [c for c in candidates if c["p_value"] < LEVEL and c.get("refused")][:3]:
+        reasons.setdefault(c["refused"], []).append(c)
+    return found + "".join(f" Significant, but {why}: {_joined(_names(some))}." for why, some in reasons.items())
 
 
 def _at_floor(result):

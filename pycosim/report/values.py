@@ -277,7 +277,7 @@ def _missing_torque(dataset, before, after, key):
     """
     model, fit = after
     effect, place = next((e, p) for e, p in model.attached if (e.id, p.name) == tuple(key))
-    attached = [(e.id, p.name) for e, p in model.attached]
+    attached = model.keys
     probes = compile_model(dataset.library, model.rig, attached, True)
     names = [n for n in probes.parameters for c in place.components
              if n in (f"probe_{c}.dF", f"probe_{c}.dtau")]
