@@ -12,15 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from ..compile import Library, compile_model
-from ..data.dataset import Dataset
-from ..diagnosis.decide import Finding, nudged
-from ..diagnosis.search import diagnosed
 from ..core.errors import PycosimError, StudyError
 from ..data.dataset import Dataset
 from ..data.logs import load
 from ..data.readers import read_parts
-from ..diagnosis.decide import Finding, diagnose, nudged
-from ..diagnosis.search import step_of
+from ..diagnosis.decide import Finding, nudged
+from ..diagnosis.search import diagnosed, step_of
 from ..export import export
 from ..fit import least_squares
 from ..report import records, values

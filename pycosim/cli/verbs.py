@@ -184,6 +184,7 @@ def _identify(run, arguments):
 
 def _diagnose(run, arguments):
     from ..compile import compile_model
+    from ..diagnosis import compare
     from ..diagnosis.search import diagnosed
     found = diagnosed(run.dataset, run.model, run.fit(), run.study.seed, run.progress)
     if found.winner is not None and run.dataset.is_test.any():
