@@ -92,6 +92,8 @@ FRICTION = ("viscous", "stribeck", "direction_asymmetry", "torque_offset", "torq
             "load_nonlinearity", "thermal_drift", "configuration_preload", "presliding")
 GEARED = ("viscous", "stribeck", "direction_asymmetry", "torque_offset", "torque_ripple", "load_nonlinearity",
           "thermal_drift", "torque_constant", "time_delay", "presliding")
+LINEAR = ("viscous_asymmetry", "torque_offset", "torque_ripple", "stribeck", "time_delay", "direction_asymmetry",
+          "sublinear_viscous", "thermal_drift")
 LAG = (("low_pass", "*"), ("time_delay", "*"))
 MASS = (("reference_mass", "*"), ("reference_centre", "*"), ("payload", "*"), ("reference_gain", "*"))
 CONDITIONS = {
@@ -142,11 +144,16 @@ CONDITIONS = {
                              effects=GEARED, options={"amplitude": 0.7}),
     "geared_digital": Condition("rig GearedJoint, encoder and current in steps", {
         "motor_bits": BITS, "current_bits": CURRENT}, machine="geared_joint", effects=GEARED),
+    "linear": Condition("linear axis, passes", machine="linear_axis", effects=LINEAR, options={"ramp": 0.15}),
+    "linear_digital": Condition("linear axis, encoder and current in steps", {
+        "motor_bits": [12, 14, 16], "current_bits": CURRENT, "digits": 7, "speed": False}, machine="linear_axis",
+        effects=LINEAR, options={"ramp": 0.15}),
     "outside": Condition("laws outside the catalogue, fine sensors", effects=laws.OUTSIDE),
     "outside_digital": Condition("laws outside the catalogue, digital sensors", {
         "joint_bits": BITS, "motor_bits": BITS, "current_bits": CURRENT}, effects=laws.OUTSIDE),
     "outside_gait": Condition("laws outside the catalogue, ordinary motion", motion="gait", effects=laws.OUTSIDE),
     "mistake": Condition("a mistake of wiring or units", {"joint_bits": [None, 16]}, effects=("mistake",)),
+    "poor": Condition("a log too poor for much", effects=("poor",)),
 }
 
 
@@ -222,7 +229,7 @@ def drawn(case):
     motion = _motion(about, case, rng, plant)
     world = sensors.World(**{n: v[rng.integers(len(v))] if isinstance(v, list) else v
                              for n, v in about.world.items()})
-    names = [] if case.what == "none" or case.condition == "mistake" else case.what.split("+")
+    names = [] if case.what == "none" or case.condition in ("mistake", "poor") else case.what.split("+")
     temperature = None
     if "temperature_dependence" in names:
         t = motion.time
@@ -267,7 +274,7 @@ def _sized(found, name, size, rng, tries=6, steps=12):
     sound, best = base(calm), (None, 0.0)
     for _ in range(tries):
         effect = laws.draw(name, rng, found.plant, found.motion)
-        _, low, high = laws.AMPLITUDE[name]
+        low, high = laws.bounds(name, found.plant)
         x, seen = np.sqrt(low * high), []
         for _ in range(steps):
             reached = size_of(calm, effect.sized(x), sound)[0]
@@ -312,12 +319,13 @@ def listed(conditions, seeds, first=0, hidden=2, quick=False):
     -------
     list of Case
     """
-    from benchmarks.real_logs.mistakes import MISTAKES
+    from benchmarks.real_logs.mistakes import MISTAKES, POOR
     cases = []
     for condition in conditions:
         about = CONDITIONS[condition]
-        if condition == "mistake":
-            cases += [Case(condition, m, 1.0, s, quick) for s in range(first, first + seeds) for m in MISTAKES]
+        if condition in ("mistake", "poor"):
+            changes = MISTAKES if condition == "mistake" else POOR
+            cases += [Case(condition, m, 1.0, s, quick) for s in range(first, first + seeds) for m in changes]
             continue
         outside = set(about.effects) <= set(laws.OUTSIDE)
         cases += [] if outside or condition == "three" else [
@@ -328,8 +336,11 @@ def listed(conditions, seeds, first=0, hidden=2, quick=False):
 
 
 def _what(about, k):
+    """The k-th effect of a condition: all of them in an order of its own, then again."""
     if about.effects == ("three",):
         rng = np.random.default_rng([k, 3])
         return "+".join(str(e) for e in rng.choice(FRICTION, 3, replace=False))
-    return about.effects[(7 * k) % len(about.effects)] if len(about.effects) % 7 else about.effects[
-        (3 * k) % len(about.effects)]
+    order = np.random.default_rng([*map(ord, about.says)]).permutation(len(about.effects))
+    name = about.effects[order[k % len(order)]]
+    hidden = name in laws.ENCODER and "joint_bits" not in about.world
+    return "temperature_dependence" if hidden else name  # nothing else shows what a joint encoder would

@@ -45,7 +45,7 @@ class Effect:
 AMPLITUDE = {
     "viscous": (("b",), 1e-5, 0.5), "stribeck": (("fs",), 1e-4, 1.0), "presliding": (("travel",), 3e-4, 3.0),
     "direction_asymmetry": (("a",), 1e-3, 0.95), "configuration_preload": (("k_H", "k_K"), 1e-4, 1.0),
-    "load_nonlinearity": (("d",), 1e-4, 0.3), "load_hysteresis": (("mu_dif",), 1e-3, 0.2),
+    "load_nonlinearity": (("d",), 1e-4, 0.3), "load_hysteresis": (("h",), 1e-2, 10.0),
     "cross_load": (("k",), 1e-4, 0.3), "torque_ripple": (("A",), 1e-4, 0.5), "thermal_drift": (("k",), 1e-2, 10.0),
     "temperature_dependence": (("k",), 1e-4, 0.5), "torque_constant": (("g",), 1e-3, 0.4),
     "torque_offset": (("o",), 1e-4, 0.3), "torque_saturation": (("k",), 1e-4, 0.4),
@@ -71,7 +71,12 @@ OUTSIDE = ("speed_angle", "backward_drag", "gear_mesh", "wear", "load_speed", "l
 MOTOR = ("torque_ripple", "torque_constant", "torque_offset", "torque_saturation", "rotor_inertia")
 ENCODER = ("cable_compliance", "backlash")
 LOAD_MODEL = ("joint_spring", "payload")
-REPLACED = ("presliding", "friction_lag")  # change the friction state itself
+TORQUES = {"stribeck": (1, 0), "viscous": (1, -1), "viscous_asymmetry": (1, -1), "stribeck_asymmetry": (1, 0),
+           "sublinear_viscous": (1, -0.5), "torque_ripple": (1, 0), "torque_offset": (1, 0), "angle_friction": (1, 0),
+           "angle_torque": (1, 0), "presliding": (0, 1), "dwell": (1, 0), "speed_angle": (1, -1), "tide": (0, 0),
+           "backward_drag": (1, -2), "intermittent": (1, 0), "acceleration_friction": (1, -1), "wear": (1, -1),
+           "load_nonlinearity": (-1, 0), "torque_saturation": (-2, 0)}
+"""Powers of a machine's torque and speed in the bounds above; none where the size has no unit, or is a time."""
 
 
 def bend(segment, effect):
@@ -226,13 +231,24 @@ def draw(identifier, rng, plant, motion):
     place = str(rng.choice(plant.places(identifier)))
     fast = plant.fastest(place, motion)
     drawn = _DRAWS.get(identifier, lambda r, f: {AMPLITUDE[identifier][0][0]: 1.0})(rng, fast)
+    if identifier == "torque_ripple":
+        drawn["n"] *= 2 * np.pi / plant.turn  # cycles a turn of the screw where the axis is straight
     return Effect(identifier, place, {n: float(v) for n, v in drawn.items()})
+
+
+def bounds(identifier, plant):
+    """Smallest and largest size of an effect's coefficient in a machine."""
+    _, low, high = AMPLITUDE[identifier]
+    t, w = TORQUES.get(identifier, (0, 0))
+    unit = plant.torque ** t * plant.speed ** w
+    return low * unit, high * unit
 
 
 def _sign(rng):
     return float(rng.choice((-1.0, 1.0)))
 
 
+_CYCLES = (1, 2, 3, 4, 6, 7, 11, 12, 14)
 _DRAWS = {
     "stribeck": lambda r, fast: {"fs": 1.0, "ws": fast * r.uniform(0.08, 0.3)},
     "stribeck_asymmetry": lambda r, fast: {"fs_a": _sign(r), "ws": fast * r.uniform(0.08, 0.3)},
@@ -240,9 +256,8 @@ _DRAWS = {
     "viscous_asymmetry": lambda r, fast: {"b_a": _sign(r)},
     "sublinear_viscous": lambda r, fast: {"b": 1.0, "a": r.uniform(0.3, 0.6)},
     "configuration_preload": lambda r, fast: dict(zip(("k_H", "k_K"), r.uniform(0.3, 1.0, 2) * r.choice((-1, 1), 2))),
-    "load_hysteresis": lambda r, fast: {"h": r.uniform(0.05, 0.5), "mu_dif": _sign(r)},
-    "torque_ripple": lambda r, fast: {"A": 1.0, "n": r.choice((1, 2, 3, 4, 6, 7, 11, 12, 14)),
-                                      "phase": r.uniform(-3, 3)},
+    "load_hysteresis": lambda r, fast: {"h": 1.0, "mu_dif": _sign(r) * r.uniform(0.02, 0.06)},
+    "torque_ripple": lambda r, fast: {"A": 1.0, "n": r.choice(_CYCLES), "phase": r.uniform(-3, 3)},
     "thermal_drift": lambda r, fast: {"k": 1.0, "T": r.uniform(15, 60)},
     "temperature_dependence": lambda r, fast: {"k": _sign(r)},
     "torque_constant": lambda r, fast: {"g": _sign(r)},

@@ -189,18 +189,19 @@ class HipKnee:
     """
 
     rig, study = "DriveTrain.Rigs.HipKnee", "hip_knee"
-    ratio, axes, bits = 15.125, 2, 14
+    ratio, axes, turn = 15.125, 2, 2 * np.pi
     segments, motors, joints = ("1A", "2A", "1B", "2B"), ("motor1", "motor2"), ("hip", "knee")
     columns = {"theta": ("theta1", "theta2"), "omega": ("omega1", "omega2"), "tau": ("tau1", "tau2"),
                "q": ("q_H", "q_K"), "C": ("C_H", "C_K")}
     least = 0.02
     mix = np.array([[1.0, 1.0], [1.0, -1.0]])
     torque_noise, reference_noise = 5e-3, 0.03
+    torque, speed = 1.0, 1.0  # what torques and speeds are like, against those of this machine
 
     def __init__(self, rng):
         self.f0 = dict(zip(self.segments, [*rng.uniform(0.05, 0.12, 2), *rng.uniform(0.01, 0.05, 2)]))
         self.mu = dict(zip(self.segments, [*rng.uniform(0.86, 0.95, 2), *rng.uniform(0.93, 0.985, 2)]))
-        self.posture = np.array([rng.uniform(0.5, 0.9), -rng.uniform(0.3, 0.8)])
+        self.posture = np.array([rng.uniform(0.3, 1.0), -rng.uniform(0.2, 1.2)])
         self.load = dict(m1=4.0, c1=0.20, m2=3.2, c2=0.15)
 
     def places(self, effect):
@@ -306,9 +307,15 @@ class HipKnee:
                     lost[k] += e.values["gap"] / 2 * np.sign(loads[f"{k + 1}A"])
         return self.mix @ (theta - lost) / (2 * self.ratio)
 
-    def start(self):
-        """Parameters that a fit of the base model starts from."""
-        return np.array([*self.f0.values(), *self.mu.values()])
+    def base_errors(self, tau, C, truth, pick):
+        """RMSE of each joint's torque after a fit of f0 and mu of every segment."""
+        w, n = {name: s.w[pick] for name, s in truth.segments.items()}, len(self.segments)
+        start = np.clip([*self.f0.values(), *self.mu.values()], 1e-4, 0.999)
+        bounds = np.r_[np.zeros(n), np.full(n, 0.3)], np.full(2 * n, 1 + 1e-9)
+        found = least_squares(lambda p: (self.forward(tau, w, p) - C).ravel(), start, x_scale=0.05, bounds=bounds,
+                              max_nfev=30)
+        left = self.forward(tau, w, found.x) - C
+        return dict(zip(self.columns["C"], np.sqrt(np.mean(left ** 2, axis=1))))
 
 
 class GearedJoint(HipKnee):
@@ -320,10 +327,11 @@ class GearedJoint(HipKnee):
     """
 
     rig, study = "DriveTrain.Rigs.GearedJoint", "geared_joint"
-    ratio, axes, bits = 50.0, 1, 14
+    ratio, axes = 50.0, 1
     segments, motors, joints = ("gear",), ("motor",), ("joint",)
     columns = {"theta": ("theta",), "omega": ("omega",), "tau": ("tau",), "q": (), "C": ("C",)}
     torque_noise, reference_noise = 2e-3, 0.05
+    torque, speed = 0.25, 10.0
     rotor, reach = 1e-4, 0.12
 
     def __init__(self, rng):
@@ -339,7 +347,7 @@ class GearedJoint(HipKnee):
         """A motion as angles, speeds and accelerations of the joint and of the motor."""
         share = self.reach if motion.at == "motor" else 1.0  # passes are given for motors of the hip-knee machine
         q = [share * x[:1] for x in (motion.x, motion.v, motion.a)]
-        q[0] = q[0] + self.posture[:, None] - (0.6 if motion.at == "motor" else 0.0)
+        q[0] = q[0] + self.posture[:, None] - (5 * self.reach if motion.at == "motor" else 0.0)
         return q, [self.ratio * x for x in q]
 
     def relative(self, x):
@@ -376,7 +384,51 @@ class GearedJoint(HipKnee):
         return theta / self.ratio
 
 
-MACHINES = {"hip_knee": HipKnee, "geared_joint": GearedJoint}
+class LinearAxis(GearedJoint):
+    """A motor pushes a carriage along a ball screw: mass, Coulomb and viscous friction, known by its force alone.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    """
+
+    rig, study = "DriveTrain.Rigs.LinearAxis", "linear_axis"
+    ratio, reach, least, turn = 1.0, 0.05, 2e-3, 2.5e-3
+    segments, motors, joints = ("guide",), ("motor",), ("carriage",)
+    columns = {"theta": ("x",), "omega": ("v",), "tau": ("F",), "q": (), "C": ()}
+    torque_noise, rotor = 1.5, 0.0
+    torque, speed = 50.0, 0.05
+
+    def __init__(self, rng):
+        self.f0, self.mu = {"guide": rng.uniform(15, 25)}, {"guide": 1.0}
+        self.mass, self.b, self.posture = rng.uniform(60, 120), rng.uniform(120, 260), np.array([0.0])
+
+    def places(self, effect):
+        """Places that an effect can sit at."""
+        return {"time_delay": ("torque",), "angle_torque": ("motor",)}.get(
+            effect, ("motor",) if effect in laws.MOTOR else ("guide",))
+
+    def relative(self, x):
+        """Motor position to that of the guide."""
+        return {"guide": x[0]}
+
+    def torques(self, q, load=None):
+        """Force that the carriage asks for: its inertia, and the viscous friction of the base model."""
+        return self.mass * q[2] + self.b * q[1]
+
+    def backwards(self, C, segments):
+        """Force of the motor; the guide loses nothing that follows a load."""
+        return {"guide": C[0]}, (C[0] + segments["guide"].lost(C[0]))[None]
+
+    def base_errors(self, tau, C, truth, pick):
+        """RMSE of the force after a linear fit of mass, viscous and Coulomb friction."""
+        w = truth.omega[0, pick]
+        terms = np.column_stack([truth.alpha[0, pick], w, np.sign(w)])
+        left = tau[0] - terms @ np.linalg.lstsq(terms, tau[0], rcond=None)[0]
+        return {"F": np.sqrt(np.mean(left ** 2))}
+
+
+MACHINES = {"hip_knee": HipKnee, "geared_joint": GearedJoint, "linear_axis": LinearAxis}
 
 
 def simulate(plant, motion, hidden=(), temperature=None):
@@ -489,15 +541,8 @@ def base_errors(plant, truth, log, most=5000):
     pick = np.flatnonzero(truth.moving(plant.least))
     pick = pick[::max(1, len(pick) // most)]
     tau = np.array([log[c] for c in plant.columns["tau"]])[:, pick] - getattr(plant, "rotor", 0) * truth.alpha[:, pick]
-    w = {n: s.w[pick] for n, s in truth.segments.items()}
-    errors, names = {}, plant.columns["C"]
-    C = np.array([log[c] for c in names])[:, pick]
-    n = len(plant.segments)
-    high = np.r_[np.ones(n), np.ones(n)]
-    start = np.clip(plant.start(), 1e-4, 0.999)
-    found = least_squares(lambda p: (plant.forward(tau, w, p) - C).ravel(), start, x_scale=np.r_[
-        np.full(n, 0.05), np.full(n, 0.05)], bounds=(np.r_[np.zeros(n), np.full(n, 0.3)], high + 1e-9), max_nfev=30)
-    errors.update(zip(names, np.sqrt(np.mean((plant.forward(tau, w, found.x) - C) ** 2, axis=1))))
+    C = np.array([log[c][pick] for c in plant.columns["C"]])
+    errors = plant.base_errors(tau, C, truth, pick)
     if plant.columns["q"] and plant.columns["q"][0] in log:
         theta = np.array([log[c] for c in plant.columns["theta"]])[:, pick]
         for name, ideal in zip(plant.columns["q"], plant.mix @ theta / (2 * plant.ratio)):

@@ -66,10 +66,11 @@ def make(case, folder, quick=False):
     found = cases.drawn(case)
     about, truth = cases.CONDITIONS[case.condition], found.truth()
     log = found.columns(truth)
-    if case.condition == "mistake":
+    if case.condition in ("mistake", "poor"):
         log = mistakes.apply(case.what, log, case.seed)
     names = []
-    for k, rows in enumerate(_pieces(found, truth, about.files), 1):
+    pieces = _pieces(found, truth, about.files) if about.files > 1 else [slice(None)]
+    for k, rows in enumerate(pieces, 1):
         names.append(f"run{k}.csv")
         _write(folder / names[-1], {n: x[rows] for n, x in log.items()})
     study = folder / "study.toml"
@@ -85,8 +86,6 @@ def make(case, folder, quick=False):
 def _pieces(found, truth, files):
     """Rows of each file, cut where the machine rests if it does."""
     n = len(truth.time)
-    if files == 1:
-        return [slice(0, n)]
     still, cuts = np.flatnonzero(abs(truth.omega).max(0) < 1e-9), [0]
     for k in range(1, files):
         goal = n * k // files

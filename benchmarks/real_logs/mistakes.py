@@ -98,13 +98,61 @@ MISTAKES = {
 """By name: what is done to the columns, kinds of findings of `check` that name it, and whether the gate must stop."""
 
 
+def _rows(pick):
+    def change(log, rng):
+        keep = pick(log)
+        found = {n: x[keep] for n, x in log.items()}
+        return found | {"time": np.arange(len(found["time"])) * (log["time"][1] - log["time"][0])}
+    return change
+
+
+def _longer(seconds):
+    """The last row again and again: the machine stops, its torques keep their noise."""
+    def change(log, rng):
+        dt = log["time"][1] - log["time"][0]
+        tail = rng.integers(0, 100, int(seconds / dt))  # the log begins with rest
+        found = {n: np.r_[x, x[tail] - (x[:100].mean() - x[-50:].mean())] for n, x in log.items()}
+        return found | {"time": np.arange(len(found["time"])) * dt}
+    return change
+
+
+def _with(name, value):
+    def change(log, rng):
+        return {**log, name: value(log, rng)}
+    return change
+
+
+def _forward(log):
+    return np.flatnonzero(log["omega1"] > -1e-9)
+
+
+POOR = {
+    "one_branch": _rows(_forward),
+    "rest_only": _rows(lambda log: np.arange(150)),
+    "five_seconds": _rows(lambda log: np.arange(1000)),
+    "one_second": _rows(lambda log: np.arange(200)),
+    "two_rows": _rows(lambda log: np.arange(2)),
+    "stop_at_end": _longer(0.4),
+    "long_rest_at_end": _longer(20.0),
+    "load_column": _with("load", lambda log, rng: rng.standard_normal(len(log["time"]))),
+    "constant_column": _with("temperature", lambda log, rng: np.full(len(log["time"]), 21.0)),
+    "no_speeds": lambda log, rng: {n: x for n, x in log.items() if not n.startswith("omega")},
+    "no_reference": lambda log, rng: {n: x for n, x in log.items() if not n.startswith("C_")},
+    "one_reference": lambda log, rng: {n: x for n, x in log.items() if n != "C_K"},
+    "every_tenth": _rows(lambda log: np.arange(0, len(log["time"]), 10)),
+    "no_motor2": lambda log, rng: {n: x for n, x in log.items() if n not in ("theta2", "omega2", "tau2")},
+    "torques_zero": _scaled("tau1", "tau2", by=0.0),
+}
+"""Logs too poor for much: no traceback, no wrong name."""
+
+
 def apply(name, log, seed):
-    """A log with a mistake.
+    """A log with a mistake, or a poor one.
 
     Parameters
     ----------
     name : str
-        A key of `MISTAKES`.
+        A key of `MISTAKES` or `POOR`.
     log : dict of str to ndarray
     seed : int
 
@@ -112,4 +160,5 @@ def apply(name, log, seed):
     -------
     dict of str to ndarray
     """
-    return MISTAKES[name][0](log, np.random.default_rng([seed, 99]))
+    change = POOR[name] if name in POOR else MISTAKES[name][0]
+    return change(log, np.random.default_rng([seed, 99]))

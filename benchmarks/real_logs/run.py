@@ -13,13 +13,16 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from benchmarks.real_logs import cases
@@ -149,19 +152,61 @@ def _said(out):
             "depends": [[d["variable"], round(d["strength"], 3)] for d in last.get("residual_depends_on", [])[:3]]}
 
 
-def measured():
-    """Run the studies of `examples` on measured data, where both exist.
+SCENARIOS = ("six_manoeuvres", "gait", "backdrive", "standstill")
+# Steps and noise of the signals that a scenario logs exactly: 2^14 steps a turn, N.m.
+SENSED = {"theta": "quantum = 3.834952e-4", "tau": "noise = 6e-3", "C": "noise = 0.03", "q": "quantum = 9.587380e-5"}
 
-    Yields
-    ------
+
+def scenario(name, seed):
+    """Co-simulate a scenario of the examples with seeded noise and steps, nothing hidden, and improve its log.
+
+    Parameters
+    ----------
+    name : str
+    seed : int
+
+    Returns
+    -------
     dict
     """
-    for name in MEASURED:
-        study = ROOT / "examples" / f"{name}.toml"
-        if study.exists():
-            with tempfile.TemporaryDirectory() as out:
-                yield {"case": f"measured:{name}", "condition": "measured", "hidden": [], "seed": 0,
-                       **call("improve", study, Path(out) / "out")}
+    row = {"case": f"scenario:{name}::{seed}", "condition": "scenario", "what": name, "seed": seed, "hidden": []}
+    with tempfile.TemporaryDirectory() as folder:
+        there = Path(folder) / "cosim"
+        shutil.copytree(ROOT / "examples" / "cosim", there)
+        path = there / f"{name}.toml"
+        text = re.sub(r"^seed = .*$", "", path.read_text(), flags=re.M)
+        for column, what in SENSED.items():
+            text = re.sub(rf'^({column}(?:1|2|_H|_K)) = ("plant[^"]*")$', rf"\1 = {{ signal = \2, {what} }}", text,
+                          flags=re.M)
+        path.write_text(f"seed = {seed}\n" + text)
+        code, _, errors, _ = _command(["cosim", str(path), "--out", str(there / "out"), "--quiet"])
+        if code:
+            return {**row, "failure": f"cosim: {errors[-200:]}", "score": "failed", "seconds": 0, "peak_mib": 0}
+        study = there / "study.toml"
+        study.write_text((ROOT / "examples" / "hip_knee" / "study.toml").read_text().replace(
+            "runs = []", 'runs = ["out/run.csv"]', 1))
+        row |= call("improve", study, there / "improved")
+    return {**row, "score": score(row)}
+
+
+def measured(name):
+    """Improve a study of `examples` on measured data.
+
+    Parameters
+    ----------
+    name : str
+        Path below `examples`, without its end.
+
+    Returns
+    -------
+    dict
+    """
+    row = {"case": f"measured:{name}", "condition": "measured", "what": name, "hidden": [], "seed": 0}
+    study = ROOT / "examples" / f"{name}.toml"
+    if not study.exists():
+        return {**row, "skipped": f"no {study}"}
+    with tempfile.TemporaryDirectory() as out:
+        return row | call("improve", study, Path(out) / "out")
 
 
 # --- summary
@@ -237,25 +282,33 @@ def main():
             args.table.write_text(lines + "\n")
         return
     wanted = list(cases.CONDITIONS) if args.conditions == "all" else args.conditions.split(",")
-    planned = cases.listed([c for c in wanted if c != "measured"], args.seeds, args.first, args.hidden, args.quick)
+    special = ("measured", "scenario")
+    planned = cases.listed([c for c in wanted if c not in special], args.seeds, args.first, args.hidden, args.quick)
     if args.list:
         print("\n".join(c.name for c in planned))
         return
-    _work(planned, args, "measured" in wanted)
+    work = [partial(run, c, args.verb, args.keep) for c in planned]
+    work += [partial(scenario, name, s) for s in range(args.first, args.first + args.seeds) for name in SCENARIOS
+             if "scenario" in wanted]
+    work += [partial(measured, name) for name in MEASURED if "measured" in wanted]
+    _work(work, args)
 
 
-def _work(planned, args, with_measured):
+def _work(work, args):
     """Run what the output file does not hold yet; a row a line, as they come."""
     known = [json.loads(line)["case"] for line in args.out.read_text().splitlines()] if args.out.exists() else []
     with args.out.open("a") as out, ThreadPoolExecutor(args.jobs) as pool:
-        def write(row):
+        for row in pool.map(lambda one: one(), [w for w in work if _name(w) not in known]):
             out.write(json.dumps(row, default=float) + "\n")
             out.flush()
-            print(row.get("score", row.get("skipped", "measured")), row["case"], flush=True)
-        for row in pool.map(lambda c: run(c, args.verb, args.keep), [c for c in planned if c.name not in known]):
-            write(row)
-        for row in measured() if with_measured else ():
-            write(row)
+            print(row.get("score", row.get("skipped", "")), row["case"], flush=True)
+
+
+def _name(work):
+    """Name of the case that a piece of work runs."""
+    if work.func is run:
+        return work.args[0].name
+    return f"scenario:{work.args[0]}::{work.args[1]}" if work.func is scenario else f"measured:{work.args[0]}"
 
 
 if __name__ == "__main__":

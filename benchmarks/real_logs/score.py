@@ -56,7 +56,8 @@ def names(row):
     """
     hidden = [tuple(h) for h in row["hidden"]]
     hidden = [h for h in hidden if h[0] not in laws.OUTSIDE or h[0] in OWN_NAME]
-    return hidden, list(cases.CONDITIONS[row["condition"]].named)
+    about = cases.CONDITIONS.get(row["condition"])  # none of a scenario
+    return hidden, list(about.named) if about else []
 
 
 def fits(step, wanted):
@@ -81,6 +82,10 @@ def score(row):
         return _mistake(row)
     if row["failure"]:
         return "failed"
+    if row["condition"] == "scenario" and row["what"] == "standstill":
+        return "right" if row["verdict"] == "not_enough_excitation" or row["blocked"] else "wrong"
+    if row["condition"] == "poor":
+        return "wrong" if row["steps"] else "right"
     hidden, condition = names(row)
     steps = row["steps"]
     if row["blocked"]:

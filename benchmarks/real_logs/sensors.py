@@ -111,11 +111,10 @@ def record(plant, truth, motion, world, seed):
     stream = {name: np.random.default_rng([seed, k]) for k, name in enumerate(("tau", "C", "q", "theta", "spikes"))}
     shape = _shape(truth, world, n)
     log = {"time": np.round(time, 6)}
-    turn = 2 * np.pi
-    theta = _encoded(truth.theta, world.motor_bits, turn, stream["theta"])
+    theta = _encoded(truth.theta, world.motor_bits, plant.turn, stream["theta"])
     log.update(zip(plant.columns["theta"], theta))
     if world.speed:
-        log.update(zip(plant.columns["omega"], [np.round(x, 3) for x in truth.omega]))
+        log.update(zip(plant.columns["omega"], [np.round(x, 3 if plant.speed > 0.5 else 5) for x in truth.omega]))
     tau = _noisy(truth.measured, plant.torque_noise * world.noise, world, shape, stream["tau"], dt)
     tau = [low_passed(x, world.low_pass["tau"], dt) for x in tau] if "tau" in world.low_pass else tau
     if world.current_bits:
@@ -130,7 +129,7 @@ def record(plant, truth, motion, world, seed):
         tau, C = (_spiked(x, world.outliers, stream["spikes"]) for x in (tau, C))
     log.update(zip(plant.columns["tau"], tau))
     if world.joint_bits:
-        log.update(zip(plant.columns["q"], _encoded(truth.q, world.joint_bits, turn, stream["q"])))
+        log.update(zip(plant.columns["q"], _encoded(truth.q, world.joint_bits, 2 * np.pi, stream["q"])))
     log.update(zip(plant.columns["C"], C))
     if np.ptp(truth.temperature) > 0:
         log["temperature"] = np.round(truth.temperature, 2)
