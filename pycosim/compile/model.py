@@ -299,8 +299,45 @@ class Model:
 
     def _question(self, name, form):
         wanted, known = self.alternatives(name)[form]
+        return self.ask(wanted, known, name)
+
+    def ask(self, wanted, known, name=""):
+        """Compile a question of one's own, or take it from the disk.
+
+        Parameters
+        ----------
+        wanted, known : list of str
+            Variables.
+        name : str
+            Of the question.
+
+        Returns
+        -------
+        Question
+
+        Raises
+        ------
+        ModelicaError
+            No such variable, or no answer in closed form.
+        """
         key = cache.digest(self.key, name, " ".join([*wanted, "from", *known]))
         return cache.remember("question", key, lambda: self._compile(wanted, known), _dump, _load)
+
+    def extended(self, declared, equations):
+        """The same rig with more in it.
+
+        Parameters
+        ----------
+        declared, equations : list of str
+            Lines of Modelica.
+
+        Returns
+        -------
+        Model
+        """
+        more = Model(self.library, self.rig)
+        more.attached, more.text = self.attached, _with_lines(self.text, declared, equations)
+        return more
 
     def _compile(self, wanted, known):
         for n in [*wanted, *known]:
@@ -377,10 +414,15 @@ def _with_probes(model):
             name = f"probe_{component.replace('.', '_')}"
             declared.append(f"  {port.probe} {name};")
             connected.append(f"  connect({name}.{connector}, {component}.{connector});")
-    head, _, tail = model.text.partition("equation\n")
+    return _with_lines(model.text, declared, connected)
+
+
+def _with_lines(text, declared, equations):
+    """A model's text with more in it."""
+    head, _, tail = text.partition("equation\n")
     if not tail:
-        head, tail = model.text.split("end Improved;")[0], "end Improved;\n"
-    return "\n".join([head.rstrip(), *declared, "equation", *connected, tail])
+        head, tail = text.split("end Improved;")[0], "end Improved;\n"
+    return "\n".join([head.rstrip(), *declared, "equation", *equations, tail])
 
 
 def compile_model(library, rig, attached=(), probes=False):

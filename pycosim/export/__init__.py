@@ -40,7 +40,7 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     folder : path
         Where the files go.
     to : str
-        ``fmu``, ``c``, ``modelica``, ``ssp``, ``mujoco`` or ``json``.
+        ``fmu``, ``c``, ``modelica``, ``ssp``, ``mujoco``, ``mujoco-plugin`` or ``json``.
     fmi, kinds, platforms
         Of an FMU, see `pycosim.export.fmu.export_fmu`.
     real : str
@@ -101,12 +101,34 @@ def _write(plant, study, model, folder, to, fmi, kinds, platforms):
         files = [_text(folder / f"{study.name}.xml", text),
                  _text(folder / f"{study.name}_not_in_mujoco.txt", "\n".join([*missing, ""]))]
         return _Made("MJCF", files, [f"Not in MuJoCo: {m}" for m in missing])
+    if to == "mujoco-plugin":
+        return _plugin(plant, study, model, folder)
     if to == "modelica":
         from .modelica import to_modelica
         return _Made("Modelica", [_text(folder / f"{study.name}.mo", to_modelica(plant))])
     if to == "json":
         return _Made("JSON", ["export.json"])
-    raise ExportError(f"no target '{to}'; there are fmu, c, modelica, ssp, mujoco, json")
+    raise ExportError(f"no target '{to}'; there are fmu, c, modelica, ssp, mujoco, mujoco-plugin, json")
+
+
+def _plugin(plant, study, model, folder):
+    """The drive as a plugin, and the bodies that it moves as MJCF."""
+    from .description import c_name, values
+    from .law import drive_law
+    from .mujoco import to_mjcf
+    from .mujoco_plugin import build_plugin, mujoco_folder, plugin_name, plugin_source
+    law, name = drive_law(model, values(study, model)), c_name(study.name)
+    source = plugin_source(law, name)
+    text, missing = to_mjcf(plant, (plugin_name(name), law.inputs))
+    files = [_text(folder / f"{study.name}.xml", text), _text(folder / f"{name}_drive.c", source)]
+    notes = [f"Not in MuJoCo: {m}" for m in missing]
+    if mujoco_folder():
+        file, content = build_plugin(source, f"{name}_drive")
+        (folder / file).write_bytes(content)
+        files.append(file)
+    else:
+        notes.append("MuJoCo is not installed here, so the plugin is source alone: its first lines say how to compile.")
+    return _Made("Plugin for MuJoCo", files, notes)
 
 
 def _text(path, text):

@@ -104,10 +104,36 @@ def binaries(files, main, identifier, fmi, wanted="host"):
 
 
 def _build(files, main, identifier, target, cross):
+    return library(files, main, identifier + target.suffix, target, cross=cross)
+
+
+def library(files, main, name, target, extra=(), cross=False):
+    """One shared library, kept on disk.
+
+    Parameters
+    ----------
+    files : dict of str to bytes
+        Sources and headers.
+    main, name : str
+        The one to compile, and what it becomes.
+    target : Platform
+    extra : sequence of str
+        More arguments of the compiler, as folders of headers.
+    cross : bool
+        Whether to take the compiler that makes the same bytes everywhere.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    ExportError
+        There is no compiler, or it fails.
+    """
     command, version = compiler(target, cross)
-    name = identifier + target.suffix
     libraries = ["-lm"] if "linux" in target.name else []
-    command = [*command, *FLAGS, *_link_flags(target, name), main, "-o", name, *libraries]
+    command = [*command, *FLAGS, *_link_flags(target, name), main, "-o", name, *extra, *libraries]
     h = hashlib.sha256("\0".join([*command, version]).encode())
     for file in sorted(files):
         h.update(file.encode() + b"\0" + files[file])

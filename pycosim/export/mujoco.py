@@ -9,20 +9,19 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as xml
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from .. import __version__
-from ..compile.effects import _members, annotation, component_names
+from ..compile.effects import annotation
 from ..core.errors import StudyError
 from ..dynamics.simulate import dynamics
 from .description import system
+from .links import Links
 
 _FAST = (20.0, 40.0)  # rad/s; speeds where what friction does at low speed is over
 _LEAST = 1e-12  # kg.m2; MuJoCo refuses links without inertia
-_KEYS = {"mass", "moment", "inertia", "length"}
 _ALWAYS = (
     "Sticking: MuJoCo softens friction, so a loaded joint creeps slowly; the model's friction state, its elastic "
     "displacement before sliding and its damping are left out.",
@@ -30,38 +29,15 @@ _ALWAYS = (
     "stage.")
 
 
-@dataclass(frozen=True)
-class Link:
-    """What turns with a flange.
-
-    Attributes
-    ----------
-    component, flange : str
-        Whose angle is its own.
-    parent : str
-        Flange of the same component whose link carries its axle; empty when the axle is fixed.
-    values : dict of str to float
-        ``mass`` [kg], ``moment`` [kg.m] (mass times distance of its centre), ``inertia`` [kg.m2] about the axle,
-        ``length`` [m] to the next axle; without a mass, the inertia of a rotor.
-    """
-
-    component: str
-    flange: str
-    parent: str
-    values: dict
-
-    @property
-    def angle(self):
-        """Name of the angle."""
-        return f"{self.component}.{self.flange}.phi"
-
-
-def to_mjcf(plant):
+def to_mjcf(plant, plugin=None):
     """MJCF of a plant, and what it leaves out.
 
     Parameters
     ----------
     plant : Plant
+    plugin : tuple of (str, list of str), optional
+        Name of the plugin that is its drive (`pycosim.export.mujoco_plugin`), and the inputs of its motors; without it
+        friction is what MuJoCo has of its own.
 
     Returns
     -------
@@ -77,19 +53,24 @@ def to_mjcf(plant):
     """
     machine = _Machine(plant)
     root = xml.Element("mujoco", model=plant.name)
-    missing = [*machine.missing(), *_ALWAYS]
+    missing = machine.heavier() if plugin else [*machine.missing(), *machine.heavier(), *_ALWAYS]
     root.append(xml.Comment(_comment(plant, missing)))
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     xml.SubElement(root, "option", timestep="0.001", integrator="implicitfast",
                    gravity=_numbers(machine.gravity()))
+    if plugin:
+        used = xml.SubElement(xml.SubElement(root, "extension"), "plugin", plugin=plugin[0])
+        xml.SubElement(used, "instance", name="drive")
     bodies = machine.bodies(xml.SubElement(root, "worldbody"))
     tendons, actuators = xml.SubElement(root, "tendon"), xml.SubElement(root, "actuator")
-    for name, given, coefficients in machine.tendons():
+    for name, given, coefficients in machine.motors() if plugin else machine.tendons():
         tendon = xml.SubElement(tendons, "fixed", name=name, **given)
         for joint, c in zip(bodies, coefficients):
             if c:
                 xml.SubElement(tendon, "joint", joint=joint, coef=repr(float(c)))
-    for name, tendon, gain, slope in machine.actuators():
+    for name, tendon in zip(plugin[1], machine.model.components("signal")) if plugin else ():
+        xml.SubElement(actuators, "plugin", name=name, tendon=tendon, instance="drive")
+    for name, tendon, gain, slope in () if plugin else machine.actuators():
         xml.SubElement(actuators, "general", name=name, tendon=tendon, gainprm=repr(gain), biastype="affine",
                        biasprm=_numbers((0.0, 0.0, slope)))
     xml.indent(root, "  ")
@@ -97,9 +78,10 @@ def to_mjcf(plant):
 
 
 def _comment(plant, missing):
+    heading = " What MuJoCo cannot represent of it:" if missing else ""
     lines = [f"{plant.rig} as the study {plant.name} has it, made by pycosim {__version__}. SI units.",
              "Links turn about y; each segment and motor is a fixed tendon whose length is its angle.",
-             "Needs MuJoCo 3.3 or later (armature of tendons). What MuJoCo cannot represent of it:",
+             "Needs MuJoCo 3.3 or later (armature of tendons)." + heading,
              *(f"* {m}" for m in missing)]
     return "\n" + "\n".join("    " + line.replace("--", "- -") for line in lines) + "\n  "
 
@@ -119,7 +101,8 @@ class _Machine:
         y = self.d.output(self.x, self.z, self.u, p, self.t)
         self.all = {**dict(zip(self.d.outputs, ca.vertsplit(y))), **dict(zip(self.d.states, ca.vertsplit(self.x)))}
         self.rates = system(self.model, self.d)(self.x, self.z, self.u, p, self.t)[0]
-        links = self._links()
+        self.library = Links(plant.model, plant.parameters)
+        links = self.library.all()
         self.links, self.rotors = ([k for k in links if ("mass" in k.values) == heavy] for heavy in (True, False))
         self._check()
 
@@ -140,34 +123,10 @@ class _Machine:
 
     # --- what the library says ---
 
-    def _components(self):
-        """Component to class, those of effects included."""
-        library = self.model.library
-        found = {c: kind for c, (kind, _) in _members(library, self.plant.rig).items() if "." in kind}
-        found.update({c: e.model for e, p in self.model.attached for c in component_names(e, p)})
-        return found
-
-    def _notes(self, key):
-        found = {c: annotation(self.model.library, kind) for c, kind in self._components().items()}
-        return {c: notes[key] for c, notes in found.items() if key in notes}
-
-    def _links(self):
-        return [_read_link(c, text, self._values(c)) for c, notes in self._notes("links").items()
-                for text in notes.split(";")]
-
-    def _values(self, component):
-        """Parameters of a component by their own names."""
-        known, flat = self.plant.parameters, self.model.flat
-        if flat.bindings:
-            symbols = ca.vertcat(*[flat.symbols[n] for n in self.d.parameters])
-            bound = ca.Function("bound", [symbols], [ca.vertcat(*flat.bindings.values())])
-            known = {**known, **dict(zip(flat.bindings, np.ravel(bound([known[n] for n in self.d.parameters]))))}
-        return {n.removeprefix(f"{component}."): float(v) for n, v in known.items() if n.startswith(f"{component}.")}
-
     def gravity(self):
         """Gravity [m/s2] as the links feel it, tilt included."""
-        found = {(self._values(c)[name], self._values(c)[self._notes("tilt")[c]])
-                 for c, name in self._notes("gravity").items()}
+        found = {(self.library.values(c)[name], self.library.values(c)[self.library.notes("tilt")[c]])
+                 for c, name in self.library.notes("gravity").items()}
         if len(found) > 1:
             raise StudyError(f"{self.plant.rig}: its links have different gravity or tilt, MuJoCo has one for all")
         g, tilt = found.pop() if found else (0.0, 0.0)
@@ -229,12 +188,16 @@ class _Machine:
         found[np.abs(found) < 1e-12] = 0.0
         return found
 
-    def tendons(self):
-        """Name, attributes and coefficients of what turns: rotors with their inertia, segments with their friction."""
+    def motors(self):
+        """Name, attributes and coefficients of the motors, each with its rotor's inertia."""
         for c in self.model.components("signal"):
             inertia = sum(r.values["inertia"] for r in self.rotors
                           if np.allclose(self._along(r.angle), self._along(f"{c}.flange.phi")))
             yield c, {"armature": repr(float(inertia))}, self._along(f"{c}.flange.phi")
+
+    def tendons(self):
+        """Name, attributes and coefficients of what turns: rotors with their inertia, segments with their friction."""
+        yield from self.motors()
         for c, friction in self.friction().items():
             yield c, {"frictionloss": repr(max(0.0, friction.constant)),
                       "damping": repr(max(0.0, friction.viscous))}, self._along(f"{c}.w", speed=True)
@@ -261,23 +224,17 @@ class _Machine:
             at_motor = not any(c in self.model.segments for c in p.components)
             if at_motor and "links" not in annotation(self.model.library, e.model):
                 found.append(f"{e.id} at {p.name}: {e.description}.")
+        return found
+
+    def heavier(self):
+        """Links whose mass MuJoCo wants larger."""
+        found = []
         for link in self.links:
             if self._inertial(link)[0] > link.values["mass"] * (1 + 1e-12):
                 found.append(f"{link.component}: its mass is written as {self._inertial(link)[0]:g} kg instead of "
                              f"{link.values['mass']:g} kg, the least that its centre and inertia allow; about a fixed "
                              "axle it makes no difference.")
         return found
-
-
-def _read_link(component, text, values):
-    """A link from ``knee on hip: mass=m2, inertia=I2``."""
-    import pandas as pd
-    head, _, tail = text.partition(":")
-    flange, _, parent = head.strip().partition(" on ")
-    pairs = dict(part.strip().split("=", 1) for part in tail.split(","))
-    assert set(pairs) <= _KEYS, f"{component}: {pairs}"
-    return Link(component, flange.strip(), parent.strip(),
-                {k: float(pd.eval(v, engine="python", parser="python", local_dict=values)) for k, v in pairs.items()})
 
 
 class _Friction:
