@@ -12,11 +12,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 
 import numpy as np
 
 from benchmarks.real_logs import effects as laws
 from benchmarks.real_logs import machines, motions, sensors
+from benchmarks.real_logs.mistakes import MISTAKES, POOR
 
 SIZES = (1.3, 1.7, 2.4)
 QUICK = 8000
@@ -319,9 +321,10 @@ def listed(conditions, seeds, first=0, hidden=2, quick=False):
     -------
     list of Case
     """
-    from benchmarks.real_logs.mistakes import MISTAKES, POOR
-    cases = []
+    found = []
     for condition in conditions:
+        cases = []
+        found.append(cases)
         about = CONDITIONS[condition]
         if condition in ("mistake", "poor"):
             changes = MISTAKES if condition == "mistake" else POOR
@@ -332,7 +335,8 @@ def listed(conditions, seeds, first=0, hidden=2, quick=False):
             Case(condition, "none", 1.0, s, quick) for s in range(first, first + seeds)]
         for k in range(first * hidden, (first + seeds) * hidden):
             cases.append(Case(condition, _what(about, k), SIZES[(k // len(about.effects) + k) % 3], k, quick))
-    return cases
+    # one of each condition before the second of any: a run that is stopped has seen them all
+    return [c for group in zip_longest(*found) for c in group if c]
 
 
 def _what(about, k):
