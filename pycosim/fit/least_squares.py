@@ -137,6 +137,24 @@ class Fit:
         low, high = min(low, self.values[k]), max(high, self.values[k])
         return [float(max(low, v.min)), float(min(high, v.max))]
 
+    def draw(self, n, bounded=True, seed=0):
+        """Parameter sets that the data allow, for simulators that vary their machines.
+
+        Parameters
+        ----------
+        n : int
+            How many.
+        bounded : bool
+            Respect the bounds, and spread along null directions within them; or neither.
+        seed : int
+
+        Returns
+        -------
+        pycosim.fit.draws.Draws
+        """
+        from .draws import draw
+        return draw(self, n, bounded, seed)
+
     def _range_by_bounds(self, k, level):
         """Least and greatest value that some point along the null directions takes within all bounds."""
         low = np.array([self.variables[n].min for n in self.free]) - self.values
