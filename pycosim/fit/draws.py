@@ -131,7 +131,8 @@ def _axes(fit):
         return np.zeros((0, 0)), np.zeros((0, 0))
     values, vectors = np.linalg.eigh(fit.covariance / np.outer(scale, scale))
     kept = values > _LEAST * values.max()
-    return scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]), np.reshape(fit.null_directions, (-1, len(scale))).T
+    null = np.reshape(fit.null_directions, (-1, len(scale))).T
+    return scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]), null
 
 
 def _within(x, centre, root, null, low, high, rng):

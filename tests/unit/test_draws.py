@@ -58,7 +58,8 @@ def test_far_beyond_a_bound_the_sampler_takes_over():
     fit = fitted([0.0, 1.0], np.diag([0.01, 0.01]), [(0, 1), (-9, 9)], unbounded=[-0.5, 1.0])
     found = fit.draw(5000).values
     tail = stats.truncnorm(5, 15, loc=-0.5, scale=0.1)
-    assert stats.kstest(found[:, 0], tail.cdf).pvalue > 1e-3 and stats.kstest(found[:, 1], "norm", (1, 0.1)).pvalue > 1e-3
+    assert stats.kstest(found[:, 0], tail.cdf).pvalue > 1e-3
+    assert stats.kstest(found[:, 1], "norm", (1, 0.1)).pvalue > 1e-3
 
 
 def test_along_null_directions_draws_fill_what_the_bounds_allow():
