@@ -5,7 +5,7 @@
 #include "instance.c"
 
 #define CHECK(phases) do { if (allowed(instance, phases, __func__) != OK) return fmi3Error; } while (0)
-#define SETTABLE (CREATED | INITIALIZING | RUNNING)
+#define SETTABLE (CREATED | INITIALIZING | RUNNING | UPDATING)
 
 static void send_log(const Instance *m, Status status, const char *category, const char *message) {
     fmi3LogMessageCallback log;
@@ -47,6 +47,21 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String in
                        logMessage);
 }
 
+/* What may be read, and inputs set, in the middle of a step: what the description marks. */
+static bool intermediate(fmi3ValueReference v) {
+    return !MODEL_SAMPLED && ((v >= VR_U && v < VR_P) || (v >= VR_X && v < VR_DX) || (v >= VR_Y && v < VR_STILL));
+}
+
+static bool ask(Instance *m, double time, double *end) {
+    fmi3IntermediateUpdateCallback update;
+    fmi3Boolean wanted = fmi3False;
+    fmi3Float64 when = time;
+    memcpy(&update, &m->callback_update, sizeof update);
+    update(m->environment, time, fmi3True, fmi3True, fmi3True, m->may_return, &wanted, &when);
+    *end = when;
+    return m->may_return && wanted && isfinite(when);
+}
+
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String instantiationToken,
                                          fmi3String resourcePath, fmi3Boolean visible, fmi3Boolean loggingOn,
                                          fmi3Boolean eventModeUsed,
@@ -55,13 +70,19 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
                                          size_t nRequiredIntermediateVariables,
                                          fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage,
                                          fmi3IntermediateUpdateCallback intermediateUpdate) {
-    (void)resourcePath, (void)visible, (void)earlyReturnAllowed, (void)intermediateUpdate;
-    (void)requiredIntermediateVariables;
-    const char *why = eventModeUsed                    ? "this FMU has no event mode in co-simulation"
-                      : nRequiredIntermediateVariables ? "this FMU has no intermediate variables"
-                                                       : NULL;
-    return instantiate(CO_SIMULATION, instanceName, instantiationToken, why, loggingOn, instanceEnvironment,
-                       logMessage);
+    (void)resourcePath, (void)visible;
+    const char *why = eventModeUsed ? "this FMU has no event mode in co-simulation" : NULL;
+    for (size_t k = 0; !why && k < nRequiredIntermediateVariables; k++)
+        if (!intermediateUpdate || !requiredIntermediateVariables || !intermediate(requiredIntermediateVariables[k]))
+            why = "an intermediate variable is asked for that this FMU does not have, or without a callback";
+    Instance *m = instantiate(CO_SIMULATION, instanceName, instantiationToken, why, loggingOn, instanceEnvironment,
+                              logMessage);
+    if (m && intermediateUpdate && !MODEL_SAMPLED) {
+        memcpy(&m->callback_update, &intermediateUpdate, sizeof intermediateUpdate);
+        m->update = ask;
+        m->may_return = earlyReturnAllowed;
+    }
+    return m;
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(fmi3String instanceName, fmi3String instantiationToken,
@@ -113,7 +134,7 @@ fmi3Status fmi3Reset(fmi3Instance instance) {
 
 fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                           fmi3Float64 values[], size_t nValues) {
-    CHECK(READABLE);
+    CHECK(READABLE | UPDATING);
     if (nValues != nValueReferences) return (fmi3Status)unsupported(instance, __func__);
     return (fmi3Status)get_values(instance, valueReferences, nValueReferences, values, __func__);
 }
@@ -262,11 +283,13 @@ static Status adjoint(Instance *m, const uint32_t *unknown, size_t n_unknown, co
     Status status = check_derivative(m, unknown, n_unknown, known, n_known, seed, n_unknown, sensitivity, function);
     if (status != OK) return status;
     clear_slots(m);
+    const bool held = holding(m); /* outputs that nothing moves before the next sample */
     double own[DIM(NX)] = {0}; /* seeds on outputs that are states pass straight through */
     for (size_t k = 0; k < n_unknown; k++) {
         uint32_t v = unknown[k];
         *(v >= VR_X && v < VR_DX ? &own[v - VR_X] : unknown_slot(m, v)) += seed[k];
     }
+    if (held) memset(m->dy, 0, sizeof m->dy);
     arguments(m, m->s.z_now);
     m->arg[5] = m->dxdot, m->arg[6] = m->dy;
     m->res[0] = m->dx, m->res[1] = m->du, m->res[2] = m->dp, m->res[3] = &m->dt;
@@ -377,9 +400,9 @@ fmi3Status fmi3EnterStepMode(fmi3Instance instance) { return (fmi3Status)unsuppo
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance, const fmi3ValueReference valueReferences[],
                                     size_t nValueReferences, const fmi3Int32 orders[], fmi3Float64 values[],
                                     size_t nValues) {
-    (void)valueReferences, (void)orders, (void)values;
     CHECK(STEPPING | TERMINATED | FAILED);
-    return nValueReferences || nValues ? (fmi3Status)unsupported(instance, __func__) : fmi3OK;
+    if (nValues != nValueReferences) return (fmi3Status)unsupported(instance, __func__);
+    return (fmi3Status)time_derivatives(instance, valueReferences, nValueReferences, orders, values, __func__);
 }
 
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint, fmi3Float64 communicationStepSize,
@@ -391,6 +414,7 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     Status status = do_step(instance, currentCommunicationPoint, communicationStepSize);
     for (size_t k = 0; k < sizeof flags / sizeof *flags; k++)
         if (flags[k]) *flags[k] = fmi3False;
+    if (earlyReturn && status == OK) *earlyReturn = ((Instance *)instance)->returned;
     if (lastSuccessfulTime) *lastSuccessfulTime = ((Instance *)instance)->s.time;
     return (fmi3Status)status;
 }

@@ -4,7 +4,10 @@
 
    Values are numbered time, states, their derivatives, inputs, parameters, other variables, stand-still flags. What an
    importer reads never changes what is computed next: algebraic variables found for a reading are kept apart (z_now)
-   from those that start the next step (z). */
+   from those that start the next step (z).
+
+   A sampled model (a controller, MODEL_SAMPLED) has a clock of its own: it takes a sample at its start and once a period
+   after it, whatever steps the importer makes, and holds its outputs in between. */
 
 #include <math.h>
 #include <stdarg.h>
@@ -22,26 +25,33 @@ enum { VR_X = 1, VR_DX = VR_X + NX, VR_U = VR_DX + NX, VR_P = VR_U + NU, VR_Y = 
 
 typedef enum { OK, WARNING, DISCARD, ERROR } Status; /* as in both versions of the standard */
 typedef enum { MODEL_EXCHANGE, CO_SIMULATION } Kind;
-enum { CREATED = 1, INITIALIZING = 2, EVENT = 4, CONTINUOUS = 8, STEPPING = 16, TERMINATED = 32, FAILED = 64 };
+enum { CREATED = 1, INITIALIZING = 2, EVENT = 4, CONTINUOUS = 8, STEPPING = 16, TERMINATED = 32, FAILED = 64,
+       UPDATING = 128 }; /* in the middle of a step, while the importer is asked for inputs */
 enum { RUNNING = EVENT | CONTINUOUS | STEPPING, READABLE = INITIALIZING | RUNNING | TERMINATED | FAILED,
        ANY = CREATED | READABLE };
+#define TICK_ROUNDING 1e-3 /* of a period: a communication point so close to a sample is at it, as sums of steps round */
+#define DIVERGED 0.5 /* of the range of a bounded state, beyond it: no solver that keeps its tolerance gets there */
 
 /* All that a saved state holds: 8-byte fields only, so without padding and the same on every platform. */
 typedef struct {
     double time, start, stop;
     double x[DIM(NX)], z[DIM(NZ)], z_now[DIM(NZ)], u[DIM(NU)], du[DIM(NU)], p[NP];
-    int64_t phase, z_fresh, has_stop, still[DIM(NE)];
+    double held[DIM(MODEL_SAMPLED * NY)]; /* outputs since the last sample */
+    int64_t phase, z_fresh, has_stop, samples, still[DIM(NE)];
 } State;
 
 typedef struct Instance Instance;
 typedef void Log(const Instance *m, Status status, const char *category, const char *message);
+/* Asks the importer for inputs at a time within a step; true where it wants the step to end, at *end or before. */
+typedef bool Update(Instance *m, double time, double *end);
 
 struct Instance {
     State s;
     Kind kind;
-    bool q_fresh, y_fresh, logging;
+    bool q_fresh, y_fresh, logging, may_return, returned;
     Log *log;
-    void *environment, *callback;
+    Update *update;
+    void *environment, *callback, *callback_update;
     double q[DIM(NQ)], xdot[DIM(NX)], y[DIM(NY)], x_next[DIM(NX)], z_next[DIM(NZ)]; /* q: what p alone asks for */
     double dx[DIM(NX)], du[DIM(NU)], dp[NP], dt, dxdot[DIM(NX)], dy[DIM(NY)];
     const double **arg;
@@ -69,6 +79,7 @@ static const char *phase_name(int64_t phase) {
     case EVENT: return "in event mode";
     case CONTINUOUS: return "in continuous-time mode";
     case STEPPING: return "in step mode";
+    case UPDATING: return "in the middle of a step";
     case TERMINATED: return "terminated";
     default: return "stopped by an error; reset it, or restore a saved state";
     }
@@ -156,6 +167,16 @@ static const double *prepared(Instance *m) {
     return m->q;
 }
 
+/* Why there may be no solution: a fixed parameter at zero that is not zero by itself, or no inertia. */
+static Status fail_to_solve(Instance *m) {
+    const Status status = m->kind == MODEL_EXCHANGE ? DISCARD : ERROR;
+    for (size_t k = 0; k < NP; k++)
+        if (m->s.p[k] == 0 && model_p_start[k] != 0 && !model_p_tunable[k])
+            return fail(m, status, "the loads have no solution at t = %g s; check '%s', which is 0, and that every joint "
+                        "has inertia", m->s.time, model_names[VR_P + k]);
+    return fail(m, status, "the loads have no solution at t = %g s; check that every joint has inertia", m->s.time);
+}
+
 /* Algebraic variables that fit states, inputs and parameters. */
 static Status solve(Instance *m) {
     if (m->s.z_fresh) return OK;
@@ -163,10 +184,17 @@ static Status solve(Instance *m) {
     arguments(m, m->s.z);
     m->arg[3] = q, m->res[0] = m->s.z_now;
     if (model_initial(m->arg, m->res, m->iw, m->w, 0) || !finite_all(m->s.z_now, NZ))
-        return fail(m, m->kind == MODEL_EXCHANGE ? DISCARD : ERROR,
-                    "the loads have no solution at t = %g s; check that every joint has inertia", m->s.time);
+        return fail_to_solve(m);
     m->s.z_fresh = true;
     return OK;
+}
+
+/* When a sampled model takes its next sample. */
+static double next_sample(const Instance *m) { return m->s.start + (double)m->s.samples * m->s.p[NP - 1]; }
+
+/* Whether outputs are those of the last sample; at a sample, a model answers to its inputs at once. */
+static bool holding(const Instance *m) {
+    return MODEL_SAMPLED && next_sample(m) - m->s.time > TICK_ROUNDING * m->s.p[NP - 1];
 }
 
 /* Derivatives and all other variables. */
@@ -177,6 +205,7 @@ static Status evaluate(Instance *m) {
     arguments(m, m->s.z_now);
     m->res[0] = m->xdot, m->res[1] = m->y;
     model_observe(m->arg, m->res, m->iw, m->w, 0);
+    if (holding(m)) memcpy(m->y, m->s.held, sizeof m->s.held);
     m->y_fresh = true;
     return OK;
 }
@@ -188,9 +217,22 @@ static Status find_still(Instance *m) {
     return status;
 }
 
+/* Whether a bounded state is where no solver that keeps its tolerance takes it: a step too long for an explicit one. */
+static Status check_states(Instance *m) {
+    for (size_t k = 0; k < NX; k++) {
+        double low = model_x_min[k], high = model_x_max[k], slack = DIVERGED * (high - low), x = m->s.x[k];
+        if (isfinite(slack) && !(x >= low - slack && x <= high + slack))
+            return fail(m, ERROR, "'%s' is %g at t = %g s, outside %g to %g: the integration diverged; these equations "
+                        "are stiff, take an implicit solver with error control, or much shorter steps",
+                        model_names[VR_X + k], x, m->s.time, low, high);
+    }
+    return OK;
+}
+
 /* The point that was reached becomes the guess for the next one. */
 static Status commit(Instance *m) {
-    Status status = solve(m);
+    Status status = check_states(m);
+    if (status == OK) status = solve(m);
     if (status == OK) memcpy(m->s.z, m->s.z_now, sizeof m->s.z);
     return status;
 }
@@ -256,12 +298,17 @@ static Status settable(Instance *m, uint32_t v, double value, const char *functi
     if (!isfinite(value))
         return fail(m, ERROR, "%s: '%s' cannot be set to %g, which is not finite", function, name, value);
     if (v >= VR_X && v < VR_DX) { /* importers of model exchange, CasADi among them, set states one by one as well */
+        double low = model_x_min[v - VR_X], high = model_x_max[v - VR_X];
+        if ((m->s.phase & before) && !(value >= low && value <= high))
+            return fail(m, ERROR, "%s: %g is outside the bounds of '%s', %g to %g", function, value, name, low, high);
         if (m->s.phase & (before | EVENT | CONTINUOUS)) return OK;
         return fail(m, ERROR, "%s: the state '%s' can be set before the end of the initialization only", function,
                     name);
     }
     if (v >= VR_U && v < VR_P) return OK;
     if (v < VR_P || v >= VR_Y) return fail(m, ERROR, "%s: '%s' is computed and cannot be set", function, name);
+    if (m->s.phase == UPDATING)
+        return fail(m, ERROR, "%s: '%s' is a parameter; in the middle of a step, inputs can be set", function, name);
     double low = model_p_min[v - VR_P], high = model_p_max[v - VR_P];
     if (!(value >= low && value <= high))
         return fail(m, ERROR, "%s: %g is outside the bounds of '%s', %g to %g", function, value, name, low, high);
@@ -324,6 +371,16 @@ static Status read_vector(Instance *m, uint32_t first, size_t have, double *to, 
 
 /* --- co-simulation ----------------------------------------------------------------------------------------------- */
 
+/* Whether a step was short enough for the motion: by how much the trapezoidal rule misses what each angle moved. */
+static bool resolved(const Instance *m, double h) {
+    for (size_t k = 0; k < NX; k++) {
+        int j = model_speed_of[k];
+        if (j < 0) continue;
+        if (!(fabs(m->x_next[k] - m->s.x[k] - h * (m->s.x[j] + m->x_next[j]) / 2) <= MODEL_GAP)) return false;
+    }
+    return true;
+}
+
 static bool step_once(Instance *m, double t, double h, double since) {
     double left[DIM(NU)], right[DIM(NU)];
     for (size_t k = 0; k < NU; k++) {
@@ -335,7 +392,7 @@ static bool step_once(Instance *m, double t, double h, double since) {
     double error = 0; /* of the equations, relative to what is tolerated */
     m->res[0] = m->x_next, m->res[1] = m->z_next, m->res[2] = &error;
     if (model_step(m->arg, m->res, m->iw, m->w, 0) || !(error <= 1)) return false;
-    if (!finite_all(m->x_next, NX) || !finite_all(m->z_next, NZ)) return false;
+    if (!finite_all(m->x_next, NX) || !finite_all(m->z_next, NZ) || !resolved(m, h)) return false;
     memcpy(m->s.x, m->x_next, sizeof m->s.x);
     memcpy(m->s.z, m->z_next, sizeof m->s.z);
     return true;
@@ -351,31 +408,102 @@ static Status check_step(Instance *m, double t, double h) {
         return fail(m, ERROR, "a step to t = %.12g s, past the stop time %.12g s", t + h, m->s.stop);
     if (t + h == t) return fail(m, ERROR, "a step of %g s is lost in rounding at t = %g s", h, t);
     if (h / m->s.p[NP - 1] > 1e8)
-        return fail(m, ERROR, "a step of %g s is more than 1e8 integration steps of %g s", h, m->s.p[NP - 1]);
+        return fail(m, ERROR, "a step of %g s is more than 1e8 times %s, %g s", h, model_names[VR_Y - 1], m->s.p[NP - 1]);
     return OK;
 }
 
-/* Equal integration steps no longer than solver.step; a step that fails leaves everything as it was before. */
+/* One integration step; where it has no solution, or is too long for the motion, two of half its length, and so on. */
+static bool integrate(Instance *m, double t, double h, double since, int halvings) {
+    if (step_once(m, t, h, since)) return true;
+    if (!halvings) return false;
+    return integrate(m, t, h / 2, since, halvings - 1)
+           && integrate(m, t + h / 2, h / 2, since + h / 2, halvings - 1);
+}
+
+/* The sample that is due, with inputs as they are since the start of the communication step. */
+static bool take_sample(Instance *m, double since) {
+    double u[DIM(NU)];
+    for (size_t k = 0; k < NU; k++) u[k] = m->s.u[k] + m->s.du[k] * since;
+    const double *q = prepared(m);
+    arguments(m, m->s.z);
+    m->arg[2] = u, m->res[0] = m->xdot, m->res[1] = m->y;
+    model_observe(m->arg, m->res, m->iw, m->w, 0);
+    memcpy(m->s.held, m->y, sizeof m->s.held);
+    const double *in[] = {m->s.x, m->s.z, u, u, q, &m->s.time, &m->s.p[NP - 1]};
+    memcpy(m->arg, in, sizeof in);
+    double error = 0;
+    m->res[0] = m->x_next, m->res[1] = m->z_next, m->res[2] = &error;
+    if (model_step(m->arg, m->res, m->iw, m->w, 0) || !finite_all(m->x_next, NX)) return false;
+    memcpy(m->s.x, m->x_next, sizeof m->s.x);
+    m->s.samples++;
+    return true;
+}
+
+/* Samples from t on, the one at its end left to the next step; *done is how far this went. */
+static bool take_samples(Instance *m, double t, double h, double *done) {
+    double end = t + h - TICK_ROUNDING * m->s.p[NP - 1];
+    for (double next = next_sample(m); next <= end; next = next_sample(m)) {
+        *done = fmax(0, next - t);
+        if (!take_sample(m, *done)) return false;
+    }
+    *done = h;
+    return true;
+}
+
+/* Equal integration steps no longer than solver.step; *done is how far they went. Between them the importer may give
+   inputs and end the communication step, where it asked for that. */
+static bool take_steps(Instance *m, double t, double h, double *done) {
+    double count = ceil(h / m->s.p[NP - 1] - 1e-6), part, end = h;
+    long n = count < 1 ? 1 : (long)count;
+    part = h / n;
+    for (long k = 0; k < n; k++) {
+        double since = k * part, length = part;
+        *done = since;
+        if (k && m->update) {
+            double wanted = t + h;
+            m->s.time = t + since;
+            memcpy(m->s.z_now, m->s.z, sizeof m->s.z);
+            m->s.z_fresh = true, m->y_fresh = false;
+            m->s.phase = UPDATING;
+            if (m->update(m, t + since, &wanted)) m->returned = true, end = fmax(since, fmin(end, wanted - t));
+            m->s.phase = STEPPING;
+            if (m->returned && end - since < 1e-6 * part) return true;
+        }
+        if (m->returned) length = fmin(part, end - since);
+        if (!integrate(m, t + since, length, since, MODEL_HALVINGS)) return false;
+        if (length < part) {
+            *done = since + length;
+            return true;
+        }
+    }
+    *done = h;
+    return true;
+}
+
+/* A communication step; one that fails leaves everything as it was before. */
 static Status do_step(Instance *m, double t, double h) {
     Status status = check_step(m, t, h);
     if (status != OK) return status;
-    double x[DIM(NX)], z[DIM(NZ)], count = ceil(h / m->s.p[NP - 1] - 1e-6);
-    long n = count < 1 ? 1 : (long)count;
+    double x[DIM(NX)], z[DIM(NZ)], u[DIM(NU)], now = m->s.time, done = 0;
+    int64_t samples = m->s.samples;
     memcpy(x, m->s.x, sizeof x);
     memcpy(z, m->s.z, sizeof z);
-    for (long k = 0; k < n; k++) {
-        double part = h / n, since = k * part;
-        if (step_once(m, t + since, part, since)) continue;
+    memcpy(u, m->s.u, sizeof u);
+    m->returned = false;
+    if (!(MODEL_SAMPLED ? take_samples : take_steps)(m, t, h, &done)) {
         memcpy(m->s.x, x, sizeof x);
         memcpy(m->s.z, z, sizeof z);
+        memcpy(m->s.u, u, sizeof u);
+        m->s.samples = samples;
+        m->s.time = now;
         m->s.phase = FAILED;
-        return fail(m, ERROR, "no solution for the step from t = %g s to %g s; take a smaller solver.step than %g s, "
-                    "or check inputs and parameters; the instance is as before this call", t + since,
-                    t + since + part, m->s.p[NP - 1]);
+        changed(m);
+        return fail(m, ERROR, "no solution for the step from t = %g s; take a smaller %s than %g s, or check inputs and "
+                    "parameters; the instance is as before this call", t + done, model_names[VR_Y - 1], m->s.p[NP - 1]);
     }
-    for (size_t k = 0; k < NU; k++) m->s.u[k] += m->s.du[k] * h, m->s.du[k] = 0;
+    for (size_t k = 0; k < NU; k++) m->s.u[k] += m->s.du[k] * done, m->s.du[k] = 0;
     memcpy(m->s.z_now, m->s.z, sizeof m->s.z);
-    m->s.time = t + h;
+    m->s.time = t + done;
     m->s.z_fresh = true;
     m->y_fresh = false;
     return OK;
@@ -437,14 +565,37 @@ static Status directional(Instance *m, const uint32_t *unknown, size_t n_unknown
     m->res[0] = m->dxdot, m->res[1] = m->dy;
     if (model_forward(m->arg, m->res, m->iw, m->w, 0))
         return fail(m, ERROR, "%s: the equations are singular at t = %g s", function, m->s.time);
+    if (holding(m)) memset(m->dy, 0, sizeof m->dy);
     for (size_t k = 0; k < n_unknown; k++) sensitivity[k] = *unknown_slot(m, unknown[k]);
+    return OK;
+}
+
+/* First derivatives of variables by time, inputs held. */
+static Status time_derivatives(Instance *m, const uint32_t *vr, size_t n, const int32_t *order, double *value,
+                               const char *function) {
+    if (!n) return OK;
+    if (!vr || !order || !value) return null_pointer(m, function);
+    for (size_t k = 0; k < n; k++)
+        if (order[k] != 1) return fail(m, ERROR, "%s: order %d; there is the first derivative only", function, order[k]);
+    Status status = check_slots(m, vr, n, false, function);
+    if (status == OK) status = evaluate(m);
+    if (status != OK) return status;
+    clear_slots(m);
+    memcpy(m->dx, m->xdot, sizeof m->dx);
+    m->dt = 1;
+    arguments(m, m->s.z_now);
+    m->arg[5] = m->dx, m->arg[6] = m->du, m->arg[7] = m->dp, m->arg[8] = &m->dt;
+    m->res[0] = m->dxdot, m->res[1] = m->dy;
+    if (model_forward(m->arg, m->res, m->iw, m->w, 0))
+        return fail(m, ERROR, "%s: the equations are singular at t = %g s", function, m->s.time);
+    for (size_t k = 0; k < n; k++) value[k] = MODEL_SAMPLED ? 0 : *unknown_slot(m, vr[k]);
     return OK;
 }
 
 /* --- saved states ------------------------------------------------------------------------------------------------ */
 
 static const char state_magic[8] = "pycosim";
-enum { STATE_VERSION = 1, TOKEN_ROOM = 48 };
+enum { STATE_VERSION = 2, TOKEN_ROOM = 48 };
 
 typedef struct {
     char magic[8];

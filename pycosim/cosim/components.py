@@ -21,6 +21,7 @@ from ..control import controllers, trajectories
 from ..core import cache
 from ..core.errors import CosimulationError, PycosimError, ScenarioError, UnknownNameError, closest
 from ..dynamics.simulate import dynamics
+from ..dynamics.stepping import GAP, gap, in_parts
 from ..export.controller import export_block
 from ..export.description import STEP, values
 from ..export.fmu import export_fmu
@@ -157,10 +158,13 @@ class _Plant(_InProcess):
         count = max(1, math.ceil(h / self.longest - 1e-6))
         part = h / count
         for k in range(count):
-            x, z, *error = self.step(self.x, self.z, self.u, self.u, self.q, t + k * part, part)
-            if not np.isfinite(x).all() or (error and not error[0][0] <= 1):
-                raise CosimulationError(f"no solution for the step from t = {t + k * part:g} s; check that every joint "
-                                        f"has inertia, and take a step below {self.longest:g} s")
+            x, z, error = self.step(self.x, self.z, self.u, self.u, self.q, t + k * part, part)
+            if not np.isfinite(x).all() or not error[0] <= 1 or gap(self.x, x, part, self.d.speeds) > GAP:
+                found = in_parts(self.d, self.x, self.z, self.u, self.u, self.q, t + k * part, part)
+                if not found:
+                    raise CosimulationError(f"no solution for the step from t = {t + k * part:g} s; check that every "
+                                            f"joint has inertia, and take a step below {self.longest:g} s")
+                x, z = found
             self.x[:], self.z[:] = x, z
         self.now[:], self.time[0], self.fresh[0] = self.z, t + h, 1
 

@@ -15,11 +15,12 @@ from ..compile import ArrayFunction, solve
 from ..core.errors import DataError, ModelicaError, UnknownNameError, closest
 from .delays import undo
 from .states import propagate
-from .stepping import TOLERANCE, System, steps
+from .stepping import GAP, TOLERANCE, System, gap, in_parts, steps
 
 __all__ = ["Dynamics", "compensate", "dynamics", "estimate", "propagate", "simulate", "step_function"]
 
-_CHUNK = 500
+_CHUNK = 500  # steps at a time
+_LITTLE = 4    # steps at a time after one that had to be made in parts; then twice as many again and again
 
 
 @dataclass
@@ -32,6 +33,8 @@ class Dynamics:
         Names of the elements of the vectors below; outputs are all other variables of the rig.
     start : dict of str to str
         Name that ``start`` may give, to the state that carries it.
+    speeds : list of int or None
+        For each state, the number of the state that is its derivative.
     prepare : casadi.Function
         ``p -> q``: the parameters, and what they alone ask for; the next two take it, many times.
     initial : casadi.Function
@@ -50,6 +53,7 @@ class Dynamics:
     parameters: list
     outputs: list
     start: dict
+    speeds: list
     prepare: ca.Function
     initial: ca.Function
     step: ca.Function
@@ -94,7 +98,9 @@ def _dynamics(model, tolerance):
     start.update({n: values[n].name() for n in outputs if values[n].is_symbolic() and values[n].name() in start})
     y = ca.cse(ca.densify(ca.vertcat(*[values[n] for n in outputs])))
     output = ca.Function("output", [x, z, u, p, symbols["time"]], [y], ["x", "z", "u", "p", "t"], ["y"])
-    return Dynamics(known, solution.states, solution.algebraic, parameters, outputs, start,
+    rates = [r.name() if r.is_symbolic() else None for r in rates]
+    speeds = [solution.states.index(n) if n in solution.states else None for n in rates]
+    return Dynamics(known, solution.states, solution.algebraic, parameters, outputs, start, speeds,
                     made.prepare, made.initial, made.step, output)
 
 
@@ -202,24 +208,30 @@ def _march(rig, d, x, u, p, time, step, hold):
     u1 = left if hold else left + (right - left) * ((part + 1) / count[owner])
     t, n, q = time[owner] + part * h, len(x), np.array(d.prepare(p)).ravel()
     states, algebraic = np.empty((n, len(h) + 1)), np.empty((len(d.algebraic), len(h) + 1))
-    states[:, 0], done = x, 0
+    states[:, 0], a, size = x, 0, _CHUNK
+    columns = np.broadcast_to(q[:, None], (len(q), _CHUNK))
     try:
         algebraic[:, :1] = d.initial(x, np.zeros(len(d.algebraic)), u[:, 0], q, time[0])
         if not np.isfinite(algebraic[:, 0]).all():
             raise RuntimeError
-        for a in range(0, len(h), _CHUNK):
-            done, b = a, min(a + _CHUNK, len(h))
+        while a < len(h):
+            b = min(a + size, len(h))
             walk = d.step.mapaccum("walk", b - a, 2)
-            columns = np.broadcast_to(q[:, None], (len(q), b - a))
-            xs, zs, errors = walk(states[:, a], algebraic[:, a], u0[:, a:b], u1[:, a:b], columns, t[None, a:b],
-                                  h[None, a:b])
-            states[:, a + 1:b + 1], algebraic[:, a + 1:b + 1] = xs, zs
-            failed = ~(np.array(errors)[0] <= 1)
-            if failed.any():
-                done = a + int(np.argmax(failed))
-                raise RuntimeError
+            xs, zs, errors = (np.array(v) for v in walk(states[:, a], algebraic[:, a], u0[:, a:b], u1[:, a:b],
+                                                        columns[:, :b - a], t[None, a:b], h[None, a:b]))
+            before = np.column_stack([states[:, a], xs[:, :-1]])
+            fine = (errors[0] <= 1) & (gap(before, xs, h[a:b], d.speeds) <= GAP)
+            good = b - a if fine.all() else int(np.argmin(fine))
+            states[:, a + 1:a + good + 1], algebraic[:, a + 1:a + good + 1] = xs[:, :good], zs[:, :good]
+            a, size = a + good, min(_CHUNK, 2 * size)
+            if a < b:
+                found = in_parts(d, states[:, a], algebraic[:, a], u0[:, a], u1[:, a], q, t[a], h[a])
+                if not found:
+                    raise RuntimeError
+                states[:, a + 1], algebraic[:, a + 1] = found
+                a, size = a + 1, _LITTLE
     except RuntimeError:
-        when = t[done] if len(t) else time[0]
+        when = t[a] if len(t) else time[0]
         raise ModelicaError(f"{rig}: no solution near t = {when:g} s; check that every joint has inertia and that the "
                             f"inputs are finite, or take a step below {step:g} s") from None
     at = np.r_[0, np.cumsum(count)]

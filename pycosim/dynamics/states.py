@@ -107,7 +107,8 @@ def _move(rate, x, h, p):
 def _along(x, move, toward, bend, bend_turn, limit, limit_turn, ratio, ratio_turn):
     """Displacement after a free move as far as the bend, and from there towards the limit."""
     far, bend, limit = x + move, bend + toward * bend_turn, limit + toward * limit_turn
-    corner = ca.fmin(ca.fmax(bend, ca.fmin(x, far)), ca.fmax(x, far))
+    # the order of the arguments is that of choice where they are equal: at rest, the slope of the elastic part
+    corner = ca.fmin(ca.fmax(ca.fmin(far, x), bend), ca.fmax(far, x))
     return limit + (corner - limit) * ca.exp((ratio + toward * ratio_turn) * (far - corner))
 
 

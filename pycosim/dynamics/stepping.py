@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from ..compile.solve import solve_small
 from ..core.errors import ModelicaError
@@ -26,6 +27,9 @@ GAMMA = 1 - 0.5 ** 0.5
 TOLERANCE = 1e-7  # of a correction, relative; the next one would be smaller by as much as the first was
 _PLAIN = 5  # made while the last one was too large
 _RESCUE = 40  # made after those, damped, while the last one was too large
+GAP = 1e-5  # rad, or m; see `gap`. Machines in use stay below (stick and slip, reversals, 50 rad/s of a free shank);
+#             where a step is too long for the motion, as for a leg that is whirled, it is 10 to 1000 times that
+HALVINGS = 6  # of a step without solution, or with a larger gap, before it counts as impossible
 _SHARES = (1.0, 0.5, 0.25, 0.125, 0.03)  # of a damped correction
 
 
@@ -199,6 +203,28 @@ def _rebuild(expression, rule=lambda *_: None):
     return ca.vertcat(*result, ca.SX(0, 1))
 
 
+def with_choices(expression):
+    """An expression with a choice in place of the smaller and the larger of two.
+
+    Its value is the same; its derivative is that of one of the two everywhere, the first where both are equal. CasADi's
+    own is the mean there, which is the slope on neither side where two such corners meet.
+
+    Parameters
+    ----------
+    expression : SX, shape (n, 1)
+
+    Returns
+    -------
+    SX, shape (n, 1)
+    """
+    def choose(op, *given):
+        if op in (ca.OP_FMIN, ca.OP_FMAX):
+            a, b = given
+            return ca.if_else(a <= b if op == ca.OP_FMIN else a >= b, a, b)
+
+    return _rebuild(expression, choose)
+
+
 def _damped(newton, chord):
     """A correction, shortened to the share after which the equations fail least."""
     arguments = newton.mx_in()
@@ -245,6 +271,54 @@ def _repeated(name, correct, times, tolerance, then=None):
     if then is not None:
         y, size = _guarded(f"{name}_then", then, tolerance)(size, y, *arguments[1:])
     return ca.Function(f"{name}_repeated", arguments, [y, size])
+
+
+def gap(before, after, h, speeds):
+    """By how much the trapezoidal rule misses what each angle moved in a step: of the order of the step's own error.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (n, ...)
+        States.
+    h : float or ndarray
+        Step [s].
+    speeds : list of int or None
+        For each state, which one is its derivative.
+
+    Returns
+    -------
+    float or ndarray
+        The largest over all angles [rad], or displacements [m].
+    """
+    pairs = [(i, j) for i, j in enumerate(speeds) if j is not None]
+    missed = [abs(after[i] - before[i] - h * (before[j] + after[j]) / 2) for i, j in pairs]
+    return np.max(missed, axis=0) if missed else np.zeros(np.shape(h))
+
+
+def in_parts(d, x, z, u0, u1, q, t, h, halvings=HALVINGS):
+    """A step of a rig; where it has no solution, or is too long for the motion, two of half its length, and so on.
+
+    Parameters
+    ----------
+    d : pycosim.dynamics.simulate.Dynamics
+    x, z, u0, u1, q, t, h
+        As its ``step`` takes them; inputs are linear in between.
+    halvings : int
+        How often the step may be halved.
+
+    Returns
+    -------
+    tuple of ndarray, or None
+        States and algebraic variables after it; None where there is no solution.
+    """
+    made = [np.array(v).ravel() for v in d.step(x, z, u0, u1, q, t, h)]
+    if all(np.isfinite(v).all() for v in made) and made[2][0] <= 1 and gap(x, made[0], h, d.speeds) <= GAP:
+        return made[0], made[1]
+    if not halvings:
+        return None
+    middle = (np.asarray(u0) + np.asarray(u1)) / 2
+    half = in_parts(d, x, z, u0, middle, q, t, h / 2, halvings - 1)
+    return half and in_parts(d, *half, middle, u1, q, t + h / 2, h / 2, halvings - 1)
 
 
 @dataclass

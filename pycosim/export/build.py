@@ -19,6 +19,13 @@ from ..core.errors import ExportError
 FLAGS = ["-std=c99", "-O2", "-g0", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off"]
 
 
+# Functions of which glibc has newer versions than the oldest of a platform: a compiler takes the newest that it finds
+# where it runs, and the binary then refuses to load on an older system.
+_RENEWED = ("exp", "exp2", "log", "log2", "pow", "fmod", "hypot", "lgamma")
+_OLDEST = {"x86_64-linux": "2.2.5", "aarch64-linux": "2.17"}
+_OLD_FUNCTIONS = "old_functions.h"
+
+
 @dataclass(frozen=True)
 class Platform:
     """Where a binary runs.
@@ -133,11 +140,20 @@ def library(files, main, name, target, extra=(), cross=False):
     """
     command, version = compiler(target, cross)
     libraries = ["-lm"] if "linux" in target.name else []
-    command = [*command, *FLAGS, *_link_flags(target, name), main, "-o", name, *extra, *libraries]
+    flags = [*FLAGS, *_link_flags(target, name)]
+    if target.name in _OLDEST and "ziglang" not in command:
+        files, flags = {**files, _OLD_FUNCTIONS: _old_functions(target)}, [*flags, "-include", _OLD_FUNCTIONS]
+    command = [*command, *flags, main, "-o", name, *extra, *libraries]
     h = hashlib.sha256("\0".join([*command, version]).encode())
     for file in sorted(files):
         h.update(file.encode() + b"\0" + files[file])
     return cache.remember("binary", h.hexdigest()[:32], lambda: _compile(files, command, name), bytes, bytes)
+
+
+def _old_functions(target):
+    """A header that binds to the oldest versions of functions, so that this machine's binary runs on old ones too."""
+    lines = [f'__asm__(".symver {n},{n}@GLIBC_{_OLDEST[target.name]}");' for n in _RENEWED]
+    return "\n".join(["#include <features.h>", "#ifdef __GLIBC__", *lines, "#endif", ""]).encode()
 
 
 def _link_flags(target, name):

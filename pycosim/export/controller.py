@@ -11,8 +11,10 @@ from ..core.units import Variable
 from .description import Entry, Plant, _depend, _derivatives
 from .fmu import contents, write_fmu
 
-_STEPPING = ("A controller answers at once to its inputs, and its states change once a <code>period</code>, inputs "
-             "held: make communication steps of that length.")
+_STEPPING = ("A controller has a clock of its own: it takes a sample at the start and once a <code>period</code> after "
+             "it, whatever the communication steps are, and holds its outputs in between. At a communication point "
+             "where a sample is due it answers at once to its inputs; a sample between two takes the inputs of the "
+             "first.")
 
 
 def describe_block(block: Block, name=None):
@@ -41,7 +43,7 @@ def describe_block(block: Block, name=None):
              "q": len(block.parameters), "y": len(block.outputs), "e": 0}
     _depend(entries, sizes, sparsity)
     return Plant(name or block.name, block.model.rig, block.description, block.model, block.values, set(block.values),
-                 entries, functions, sizes, [], _STEPPING)
+                 entries, functions, sizes, [], _STEPPING, True)
 
 
 def _functions(block):

@@ -13,6 +13,7 @@ from ..compile.effects import _members, component_name, is_effect
 from ..core.errors import StudyError
 from ..core.units import Variable
 from ..dynamics.simulate import dynamics
+from ..dynamics.stepping import with_choices
 from .units import rate as unit_of_rate
 
 STEP = "solver.step"
@@ -78,6 +79,10 @@ class Plant:
         Motors and joints: name, and member to variable.
     stepping : str
         How it steps, in HTML, where not as a machine does.
+    sampled : bool
+        Whether its states change once a period, the last parameter, and its outputs are held in between.
+    speeds : list of int or None
+        For each state, which one is its derivative; empty where none is.
     """
 
     name: str
@@ -91,6 +96,8 @@ class Plant:
     sizes: dict
     terminals: list
     stepping: str = ""
+    sampled: bool = False
+    speeds: list = field(default_factory=list)
 
 
 def describe(study, model):
@@ -257,7 +264,7 @@ class _Builder:
         comment = (self.model.library.find(self.study.rig).comment or "").strip('"')
         identified = {n for n, s in self.study.parameters.items() if s.value is not None}
         return Plant(self.study.name, self.study.rig, comment, self.model, self.values, identified, entries, functions,
-                     sizes, self._terminals())
+                     sizes, self._terminals(), speeds=self.d.speeds)
 
     def _described(self, name):
         v = replace(self.flat.variables.get(name) or self.flat.parameters.get(name) or Variable(name), name=name)
@@ -336,8 +343,9 @@ class _Builder:
         return found
 
     def _flags(self):
+        """Local, not outputs: CasADi's importer takes every output for a real number."""
         text = f"Stands still: slower than {self.w_min:g} rad/s and loaded below {STILL:.1%} of its friction"
-        return [Entry(Variable(f"{c}.still", "1", text), "output", "discrete", "calculated", boolean=True)
+        return [Entry(Variable(f"{c}.still", "1", text), "local", "discrete", "calculated", boolean=True)
                 for c in self.model.segments]
 
     def _terminals(self):
@@ -389,9 +397,11 @@ def system(model, d):
 def _derivatives(arguments, xdot, y, residual):
     """Derivatives along a direction, their transpose, and their sparsity; algebraic variables follow the others.
 
-    Where the residual R(v, z) is zero, R_v dv + R_z dz = 0 gives dz.
+    Where the residual R(v, z) is zero, R_v dv + R_z dz = 0 gives dz. The residual stays as it is: where two of its
+    pieces meet, as at no load, CasADi's mean of both slopes keeps it regular.
     """
     x, z, u, p, t = arguments
+    xdot, y = ca.vertsplit(with_choices(ca.vertcat(xdot, y)), [0, xdot.numel(), xdot.numel() + y.numel()])
     v, out, slope = ca.vertcat(x, u, p, t), ca.vertcat(xdot, y), ca.jacobian(residual, z)
     dv, w = ca.SX.sym("dv", v.numel()), ca.SX.sym("w", out.numel())
     dz = -ca.solve(slope, ca.jtimes(residual, v, dv)) if z.numel() else ca.SX(0, 1)

@@ -10,11 +10,15 @@ from pathlib import Path
 
 import casadi as ca
 
+from ..dynamics.stepping import GAP, HALVINGS
+
 WRAPPER = Path(__file__).parents[1] / "fmu"
 if not WRAPPER.exists():  # a checkout that is not installed
     WRAPPER = Path(__file__).parents[2] / "fmu"
 HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
            3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")}
+# a function of CasADi's own, defined at the margin
+_HELPER = r"^((?:casadi_real|casadi_int|void|int|const casadi_\w+ ?\*) ?\*?casadi_\w+\()"
 
 
 def sources(plant, fmi, kinds):
@@ -48,7 +52,9 @@ def sources(plant, fmi, kinds):
 
 
 def headers(fmi):
-    """The standard's own headers (2-Clause BSD), as fmpy carries them.
+    """The standard's own headers, unaltered: those of FMI 2 from this package, those of FMI 3 as fmpy carries them.
+
+    fmpy's header of FMI 2 is an altered one, which ignores ``FMI2_FUNCTION_PREFIX``.
 
     Parameters
     ----------
@@ -60,8 +66,11 @@ def headers(fmi):
     dict of str to bytes
         By file name.
     """
-    import fmpy
-    folder = Path(fmpy.__file__).parent / "c-code"
+    if fmi == 2:
+        folder = WRAPPER / "headers"
+    else:
+        import fmpy
+        folder = Path(fmpy.__file__).parent / "c-code"
     return {name: (folder / name).read_bytes() for name in HEADERS[fmi]}
 
 
@@ -75,12 +84,13 @@ def equations(plant):
     Returns
     -------
     str
-        C99, to be included by the header with the tables.
+        C99, to be included by the header with the tables. Nothing in it is seen from outside, so that the sources of
+        several FMUs can be linked into one program.
     """
     generator = ca.CodeGenerator("equations", {"with_header": False, "casadi_int": "int"})
     for function in plant.functions:
         generator.add(function)
-    return inline_choices(generator.dump())
+    return re.sub(_HELPER, r"static \1", inline_choices(generator.dump()), flags=re.M)
 
 
 def inline_choices(text):
@@ -127,7 +137,12 @@ def _tables(plant, kinds):
     part = {k: [entry.variable for entry in e[a:a + n]] for (k, a), n in zip(at.items(), (x, u, p))}
     lines = [f"#define N{k.upper()} {n}" for k, n in sizes.items()]
     lines += [f"#define MODEL_{k.upper()} {int(k in kinds)}" for k in ("cs", "me")]
+    lines += [f"#define MODEL_SAMPLED {int(plant.sampled)}", f"#define MODEL_HALVINGS {HALVINGS}",
+              f"#define MODEL_GAP {GAP!r}"]
+    lines.append(_array("int", "speed_of", [-1 if j is None else j for j in plant.speeds or [None] * x]))
     lines += [_array("double", "x_start", [v.value for v in part["x"]]),
+              _array("double", "x_min", [v.min for v in part["x"]]),
+              _array("double", "x_max", [v.max for v in part["x"]]),
               _array("double", "x_nominal", [v.nominal for v in part["x"]]),
               _array("double", "u_start", [v.value for v in part["u"]]),
               _array("double", "p_start", [v.value for v in part["p"]]),

@@ -15,6 +15,11 @@ _BASE = {
 _OFFSET = {"degC": 273.15}
 _DISPLAY = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N.m/rad": "N.m/deg"}
 _FACTOR = {"rad": 180 / math.pi, "rad/s": 180 / math.pi, "rad/s2": 180 / math.pi, "N.m/rad": math.pi / 180}
+QUANTITIES = {  # of the Modelica Standard Library, for units that stand for one quantity here
+    "rad": "Angle", "rad/s": "AngularVelocity", "rad/s2": "AngularAcceleration", "N.m": "Torque", "kg": "Mass",
+    "kg.m2": "MomentOfInertia", "m": "Length", "m/s": "Velocity", "m/s2": "Acceleration", "N": "Force", "s": "Time",
+    "A": "Current", "V": "Voltage", "Ohm": "Resistance", "W": "Power", "K": "Temperature",
+    "N.m.s/rad": "RotationalDampingConstant", "N.m/rad": "RotationalSpringConstant"}
 ORDER = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 

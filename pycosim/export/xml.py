@@ -8,6 +8,13 @@ from .. import __version__
 from . import units
 from .description import finite
 
+TOLERANCE = 1e-6  # relative; of an importer's solver in model exchange, where its own default may be coarser
+AUTHORS = {"author": "the study's authors, by pycosim", "version": __version__,
+           "license": "Apache-2.0 and others, see documentation/licenses; the parameters are those of the study's authors"}
+STIFF = ("The equations are stiff: a friction state settles within its travel, microseconds at speed. In model "
+         "exchange, take an implicit solver with error control (CVode with BDF, Radau, DASSL); explicit ones need steps "
+         "of about travel / speed. In co-simulation the FMU brings its own implicit solver.")
+_TYPE = "Modelica.Units.SI."
 LOG = {"logStatusError": "Why a call failed", "logStatusDiscard": "Why a point was refused, to be tried closer"}
 
 
@@ -33,17 +40,33 @@ def model_description(plant, fmi, kinds, identifier, token):
     root = _root(plant, fmi, token)
     for kind in ("me", "cs"):
         if kind in kinds:
-            _interface(root, fmi, kind, identifier)
+            _interface(root, fmi, kind, identifier, plant)
     _units(root, plant)
+    _types(root, plant, fmi)
     categories = xml.SubElement(root, "LogCategories")
     for name, text in LOG.items():
         xml.SubElement(categories, "Category", name=name, description=text)
-    xml.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize="0.001")
+    xml.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", tolerance=repr(TOLERANCE),
+                   stepSize=repr(_step(plant)))
+    if fmi == 2 and "me" in kinds:
+        tool = xml.SubElement(xml.SubElement(root, "VendorAnnotations"), "Tool", name="pycosim")
+        xml.SubElement(tool, "Solver", stiff="true", description=STIFF)
     variables = xml.SubElement(root, "ModelVariables")
     for number, entry in enumerate(plant.entries):
-        (_variable2 if fmi == 2 else _variable3)(variables, number, entry)
+        if fmi == 2:
+            _variable2(variables, number, entry)
+        else:
+            _variable3(variables, number, entry, "cs" in kinds and not plant.sampled)
     (_structure2 if fmi == 2 else _structure3)(xml.SubElement(root, "ModelStructure"), plant)
+    if fmi == 3 and "me" in kinds:
+        note = xml.SubElement(xml.SubElement(root, "Annotations"), "Annotation", type="pycosim")
+        xml.SubElement(note, "Solver", stiff="true", description=STIFF)
     return _bytes(root)
+
+
+def _step(plant):
+    """Longest internal step [s], or the period of a sampled model: the last parameter."""
+    return next(e for e in reversed(plant.entries) if e.causality == "parameter").variable.value
 
 
 def build_description(fmi, identifier):
@@ -102,13 +125,13 @@ def _root(plant, fmi, token):
     given = {"fmiVersion": f"{fmi}.0", "modelName": plant.name,
              "guid" if fmi == 2 else "instantiationToken": token,
              "description": f"{plant.rig}: {plant.description}", "generationTool": f"pycosim {__version__}",
-             "variableNamingConvention": "structured"}
+             "variableNamingConvention": "structured", **AUTHORS}
     if fmi == 2:
         given["numberOfEventIndicators"] = str(plant.sizes["e"])
     return xml.Element("fmiModelDescription", given)
 
 
-def _interface(root, fmi, kind, identifier):
+def _interface(root, fmi, kind, identifier, plant):
     state = "State" if fmi == 3 else "state"
     given = {"modelIdentifier": identifier, f"canGetAndSetFMU{state}": "true", f"canSerializeFMU{state}": "true"}
     if fmi == 2:
@@ -119,6 +142,12 @@ def _interface(root, fmi, kind, identifier):
         given["canHandleVariableCommunicationStepSize"] = "true"
         if fmi == 2:
             given["canInterpolateInputs"] = "true"
+        else:
+            given["fixedInternalStepSize"] = repr(_step(plant))
+        if not plant.sampled:
+            given["maxOutputDerivativeOrder"] = "1"
+        if fmi == 3 and not plant.sampled:
+            given.update(providesIntermediateUpdate="true", canReturnEarlyAfterIntermediateUpdate="true")
     element = xml.SubElement(root, "CoSimulation" if kind == "cs" else "ModelExchange", given)
     if fmi == 2:
         xml.SubElement(xml.SubElement(element, "SourceFiles"), "File", name="fmi2.c")
@@ -139,11 +168,28 @@ def _units(root, plant):
             xml.SubElement(element, "DisplayUnit", name=name, factor=repr(factor))
 
 
+def _types(root, plant, fmi):
+    """Quantities under the names of the Modelica Standard Library, for units that have just one."""
+    used = [u for u in dict.fromkeys(e.variable.unit for e in plant.entries if not e.boolean) if u in units.QUANTITIES]
+    group = xml.SubElement(root, "TypeDefinitions") if used else None
+    for unit in used:
+        quantity = units.QUANTITIES[unit]
+        given = {"quantity": quantity, "unit": unit}
+        if units.display(unit):
+            given["displayUnit"] = units.display(unit)[0]
+        if fmi == 2:
+            xml.SubElement(xml.SubElement(group, "SimpleType", name=_TYPE + quantity), "Real", given)
+        else:
+            xml.SubElement(group, "Float64Type", {"name": _TYPE + quantity, **given})
+
+
 def _attributes(entry):
     """Attributes of a real variable that both versions share; Booleans have none of them."""
     v, given = entry.variable, {}
     if entry.boolean:
         return given
+    if v.unit in units.QUANTITIES:
+        given["declaredType"] = _TYPE + units.QUANTITIES[v.unit]
     given["unit"] = v.unit
     if units.display(v.unit):
         given["displayUnit"] = units.display(v.unit)[0]
@@ -175,10 +221,12 @@ def _variable2(group, number, entry):
                    {**_attributes(entry), **_start(entry), **derivative})
 
 
-def _variable3(group, number, entry):
+def _variable3(group, number, entry, updated):
     derivative = {} if entry.state is None else {"derivative": str(entry.state + 1)}
+    marked = updated and entry.causality in ("input", "output") and not entry.boolean
+    intermediate = {"intermediateUpdate": "true"} if marked else {}
     xml.SubElement(group, "Boolean" if entry.boolean else "Float64",
-                   {**_common(number, entry), **_attributes(entry), **derivative, **_start(entry)})
+                   {**_common(number, entry), **intermediate, **_attributes(entry), **derivative, **_start(entry)})
 
 
 def _unknowns(plant):

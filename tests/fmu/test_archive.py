@@ -41,7 +41,7 @@ def test_the_binary_shows_the_standards_functions_and_nothing_else(fmu):
     library = next((fmu.folder / "binaries").rglob("*.so"), None) or pytest.skip("not linux")
     shown = subprocess.run([tool, "-D", "--defined-only", str(library)], capture_output=True, text=True, check=True)
     functions = {line.split()[-1] for line in shown.stdout.splitlines()}
-    header = (fmu.folder / "sources" / f"fmi{fmu.fmi}Functions.h").read_text()
+    header = (fmu.folder / "sources" / f"fmi{fmu.fmi}Functions.h").read_text(encoding="latin-1")
     declared = re.findall(rf"FMI{fmu.fmi}_Export\s+\w+TYPE\s+(\w+);", header)
     assert functions == set(declared) and len(declared) > 40
 

@@ -63,6 +63,21 @@ def test_casadi_imports_the_equations(fmu):
         assert np.allclose(jacobian[:, k], difference, rtol=1e-5, atol=1e-5)
 
 
+def test_casadi_imports_the_outputs(fmu):
+    """All of them, and their derivatives: none is of a type that its importer cannot read."""
+    dae = ca.DaeBuilder("plant", str(fmu.folder), {"debug": False})
+    f = dae.create("f", ["x", "u"], ["ode", "y"])
+    x, u, names = [0.5, 0.2, 0.3], [0.6, 0.1], dae.y()
+    assert {"q", "motor.tau", "gear.loss", "C"} < set(names)
+    outputs, known = np.array(f(x, u)[1]).ravel(), dae.x()
+    assert outputs[names.index("q")] == x[known.index("q")] and outputs[names.index("motor.tau")] == u[0]
+    slope = np.array(f.jacobian()(x, u, 0, 0)[2])  # of the outputs by the states
+    step = 1e-6 * np.eye(3)
+    for k in range(3):
+        ends = [np.array(f(np.array(x) + s * step[k], u)[1]).ravel() for s in (1, -1)]
+        assert np.allclose(slope[:, k], (ends[0] - ends[1]) / 2e-6, rtol=1e-5, atol=1e-5)
+
+
 _ECOS = """
 import sys
 from ecospy import EcosSimulationStructure, EcosSimulation

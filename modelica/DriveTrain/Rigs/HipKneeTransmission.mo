@@ -1,6 +1,6 @@
 within DriveTrain.Rigs;
 model HipKneeTransmission "Cable-driven differential of an exoskeleton's hip and knee, joint flanges free"
-  parameter Real t_r(unit="1") = 15.125 "Ratio between motors and joints";
+  parameter Real t_r(unit="1", min=0.01, max=1e4, nominal=10) = 15.125 "Ratio between motors and joints";
   input Real tau1(unit="N.m") "Torque of motor 1, k_m Iq";
   input Real tau2(unit="N.m") "Torque of motor 2, k_m Iq";
   input Real push_H(unit="N.m") "Torque from outside on the hip";
