@@ -10,10 +10,10 @@ from .description import finite
 
 TOLERANCE = 1e-6  # relative; of an importer's solver in model exchange, where its own default may be coarser
 AUTHORS = {"author": "the study's authors, by pycosim", "version": __version__,
-           "license": "Apache-2.0 and others, see documentation/licenses; the parameters are those of the study's authors"}
+           "license": "Apache-2.0 and others, see documentation/licenses; parameters belong to whoever made the study"}
 STIFF = ("The equations are stiff: a friction state settles within its travel, microseconds at speed. In model "
-         "exchange, take an implicit solver with error control (CVode with BDF, Radau, DASSL); explicit ones need steps "
-         "of about travel / speed. In co-simulation the FMU brings its own implicit solver.")
+         "exchange, take an implicit solver with error control (CVode with BDF, Radau, DASSL); explicit ones need "
+         "steps of about travel / speed. In co-simulation the FMU brings its own implicit solver.")
 _TYPE = "Modelica.Units.SI."
 LOG = {"logStatusError": "Why a call failed", "logStatusDiscard": "Why a point was refused, to be tried closer"}
 
