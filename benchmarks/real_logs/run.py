@@ -30,6 +30,8 @@ from benchmarks.real_logs.make import ROOT, make
 from benchmarks.real_logs.score import score
 
 LIMIT_SECONDS, LIMIT_BYTES = 300.0, 4 << 30
+PROGRAM = ["pycosim.cli"]
+"""Module that is run; `--bare` leaves its drawings out."""
 MEASURED = ("screw_drives/drive1", "screw_drives/drive2", "servo_pendulum/study", "emps/study", "double_pendulum/study")
 
 
@@ -113,7 +115,7 @@ def _command(arguments):
         resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     with tempfile.TemporaryFile("w+") as text, tempfile.TemporaryFile("w+") as errors:
-        child = subprocess.Popen([sys.executable, "-m", "pycosim.cli", *arguments], stdout=text, stderr=errors,
+        child = subprocess.Popen([sys.executable, "-m", PROGRAM[0], *arguments], stdout=text, stderr=errors,
                                  env=environment, preexec_fn=limited)
         code, peak, stop = None, 0, time.monotonic() + LIMIT_SECONDS
         while time.monotonic() < stop and code is None:
@@ -269,6 +271,7 @@ def main():
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--verb", default="improve", choices=("improve", "diagnose"))
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--bare", action="store_true", help="no figures, no page")
     parser.add_argument("--list", action="store_true")
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--table", type=Path)
@@ -281,6 +284,7 @@ def main():
         if args.table:
             args.table.write_text(lines + "\n")
         return
+    PROGRAM[0] = "benchmarks.real_logs.bare" if args.bare else PROGRAM[0]
     wanted = list(cases.CONDITIONS) if args.conditions == "all" else args.conditions.split(",")
     special = ("measured", "scenario")
     planned = cases.listed([c for c in wanted if c not in special], args.seeds, args.first, args.hidden, args.quick)
