@@ -19,7 +19,10 @@ RIG = "DriveTrain.Rigs.HipKnee"
 # effect: place, coefficients, output, variable to show it over
 SHOWN = {
     "viscous": ("1A", {"b": 0.02}, "C_H", "s1A.w"),
+    "viscous_asymmetry": ("1A", {"b_a": 0.01}, "C_H", "s1A.w"),
+    "sublinear_viscous": ("1A", {"b": 0.03, "a": 0.4}, "C_H", "s1A.w"),
     "stribeck": ("1A", {"fs": 0.05, "ws": 0.5}, "C_H", "s1A.w"),
+    "stribeck_asymmetry": ("1A", {"fs_a": 0.04, "ws": 0.5}, "C_H", "s1A.w"),
     "presliding": ("1A", {"travel": 0.5}, "C_H", "motor1.phi"),
     "direction_asymmetry": ("1A", {"a": 0.3}, "C_H", "s1A.w"),
     "configuration_preload": ("1A", {"k_H": 0.1, "k_K": 0.0}, "C_H", "q_H"),
@@ -35,8 +38,13 @@ SHOWN = {
     "torque_saturation": ("motor1", {"k": 0.02}, "C_H", "motor1.tau"),
     "rotor_inertia": ("motor1", {"J": 2e-3}, "C_H", "der(der(motor1.phi))"),
     "time_delay": ("torque", {"d": 0.05}, "C_H", "time"),
-    "joint_spring": ("hip", {"k": 1.0, "q0": 0.2}, "hip.load", "q_H"),
-    "payload": ("shank", {"m": 0.5}, "knee.load", "shank"),
+    "joint_spring": ("hip", {"k": 1.0, "q0": 0.2}, "hip.computed", "q_H"),
+    "payload": ("shank", {"m": 0.5}, "knee.computed", "shank"),
+    "reference_mass": ("shank", {"m": 0.3}, "knee.computed", "shank"),
+    "reference_centre": ("shank", {"c": 0.02}, "hip.computed", "shank"),
+    "reference_zero": ("hip", {"q0": 0.05}, "hip.computed", "q_H"),
+    "reference_gain": ("hip", {"g": 1.03}, "hip.computed", "motor1.tau"),
+    "reference_offset": ("hip", {"o": 0.5}, "hip.computed", "q_H"),
     "cable_compliance": ("line1", {"e": 0.01}, "encoder_H", "motor1.tau"),
     "backlash": ("line1", {"gap": 0.02}, "encoder_H", "s1A.L"),
 }
@@ -45,8 +53,8 @@ LABELS = {"s1A.w": "speed of 1A [rad/s]", "s1A.L": "load of 1A [N.m]", "s2A.L": 
           "time": "time [s]",
           "temperature": "temperature [degC]", "motor1.tau": "torque of motor 1 [N.m]",
           "der(der(motor1.phi))": "acceleration of motor 1 [rad/s2]"}
-UNITS = {"encoder_H": "hip encoder [rad]", "C_H": "hip torque [N.m]", "hip.load": "hip torque [N.m]",
-         "knee.load": "knee torque [N.m]"}
+UNITS = {"encoder_H": "hip encoder [rad]", "C_H": "hip torque [N.m]", "hip.computed": "hip torque [N.m]",
+         "knee.computed": "knee torque [N.m]"}
 
 
 def passage():
@@ -112,8 +120,8 @@ def main():
         raise SystemExit(f"no signature for {', '.join(sorted(missing))}; add it to SHOWN")
     folder = Path(__file__).parent / "images" / "effects"
     folder.mkdir(parents=True, exist_ok=True)
-    sheet = Figure(figsize=(13, 15), layout="constrained")
-    every = sheet.subplots(6, 4).ravel()
+    sheet = Figure(figsize=(13, 2.5 * -(-len(SHOWN) // 4)), layout="constrained")
+    every = sheet.subplots(-(-len(SHOWN) // 4), 4).ravel()
     for axes, (effect, labels, parts) in zip(every, signatures(library)):
         draw(axes, labels, parts)
         single = Figure(figsize=(4.6, 3), layout="constrained")

@@ -23,11 +23,11 @@ def additions(library, effect):
 
     Returns
     -------
-    dict of str to str
-        Variable of the effect, to parameter of the probe.
+    dict of str to (str, str)
+        Variable of the effect, to the connector and the parameter of the probe there.
     """
-    found = {a: a for c in effect.ports if c in ports(library) for a in ports(library)[c].additions}
-    return {**found, "loss": "dtau"} if "dtau" in found else found  # torque at the shaft reads like one in the channel
+    found = {a: (c, a) for c in effect.ports if c in ports(library) for a in ports(library)[c].additions}
+    return {**found, "loss": found["dtau"]} if "dtau" in found else found  # torque at the shaft reads like one in the channel
 
 
 def effect_question(library, effect):

@@ -228,13 +228,28 @@ class Model:
                     found.append(component)
         return found
 
+    def probe(self, component, connector):
+        """Name of the probe at a port; the first port of a component gives the plain name.
+
+        Parameters
+        ----------
+        component, connector : str
+
+        Returns
+        -------
+        str
+        """
+        first = next(port for port in ports(self.library) if component in self.components(port))
+        base = f"probe_{component.replace('.', '_')}"
+        return base if connector == first else f"{base}_{connector}"
+
     @property
     def log_inputs(self):
         """Inputs of the attached effects that come from the log, such as a temperature."""
         return list(dict.fromkeys(n for effect, _ in self.attached for n in effect.measured))
 
     def aliases(self, key):
-        """Entries of the rig's annotation ``load`` or ``encoders``: a measured channel, and the output for it.
+        """Entries of the rig's annotation ``load``, ``sensor`` or ``encoders``: a measured channel, and its output.
 
         Parameters
         ----------
@@ -352,7 +367,7 @@ class Model:
         top = [n for n in flat.variables if "." not in n]
         members = ("phi", "w", "a", "tau", "tau_shaft", "v", "i")
         inner = [n for n in flat.variables if n.count(".") == 1 and n.endswith(tuple(f".{m}" for m in members))]
-        named = [n.partition(":")[0] for key in ("load", "encoders") for n in self.aliases(key).values()]
+        named = [n.partition(":")[0] for key in ("load", "sensor", "encoders") for n in self.aliases(key).values()]
         every = dict.fromkeys([*wanted, *extra, *top, *inner, *named])
         outputs = [n for n in every if n in values and n not in known]
         late = self._late(known, values)
@@ -411,7 +426,7 @@ def _with_probes(model):
     declared, connected = [], []
     for connector, port in ports(model.library).items():
         for component in model.components(connector):
-            name = f"probe_{component.replace('.', '_')}"
+            name = model.probe(component, connector)
             declared.append(f"  {port.probe} {name};")
             connected.append(f"  connect({name}.{connector}, {component}.{connector});")
     return _with_lines(model.text, declared, connected)

@@ -85,8 +85,8 @@ class Dataset:
         """Channels, and which variables of the model stand for them."""
         self.channels = [f"{c}_pair" for c in named] if self.paired else list(named)
         self.aliases, self.zeros = {}, []
-        if not balanced and self.study.reference != "sensor":  # a computed reference knows the load alone
-            self.aliases = self.base.aliases("load")
+        if not balanced:  # a computed reference knows the load alone
+            self.aliases = self.base.aliases("sensor" if self.study.reference == "sensor" else "load")
         for channel, reading in self.base.aliases("encoders").items():
             if channel in have and not self.paired:
                 self.aliases[channel], _, zero = reading.partition(":")

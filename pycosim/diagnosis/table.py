@@ -341,7 +341,7 @@ class Table:
         Returns
         -------
         dict of str to ndarray
-            By kind of grid: ``time``, ``delay`` [s], ``quadrature``, ``angle``, ``travel`` [rad], ``speed`` [rad/s];
+            By kind of grid: ``time``, ``delay`` [s], ``quadrature``, ``power``, ``angle``, ``travel`` [rad], ``speed`` [rad/s];
             without those that the data say nothing of.
         """
         if component not in self._grids:
@@ -352,7 +352,7 @@ class Table:
         view = self.takes[0]
         time = self.time
         values = {"time": np.geomspace(max(np.ptp(time) / 40, 0.5), max(2 * np.ptp(time), 1.0), 7),
-                  "quadrature": np.array([0.0, np.pi / 2])}
+                  "quadrature": np.array([0.0, np.pi / 2]), "power": np.array([0.2, 0.35, 0.5, 0.65, 0.8])}
         if len(self.dataset.time) > 1:
             values["delay"] = np.median(np.diff(self.dataset.time)) * np.geomspace(0.5, 32, 12)
         angles = [v for n, v in self.full.items() if n.endswith(".beside.phi")]
@@ -466,7 +466,8 @@ class Table:
             added = contribution(signals, [self.takes[term](s)[::self.thin] for s in states], grid, n)
             part = 0.0
             for k, port in enumerate(q.outputs):
-                probe = self.probes.index(f"probe_{component}.{probes[port]}")
+                connector, addition = probes[port]
+                probe = self.probes.index(f"{self.model.probe(component, connector)}.{addition}")
                 part = part + added[:, k][:, None, :] * response[None, :, probe]
             total = total + part
         return total

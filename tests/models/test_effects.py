@@ -89,11 +89,58 @@ def test_spring_and_payload_are_in_the_joint_torque_and_not_in_the_load():
     bare = sliding([], MOVING)
     spring = sliding([("joint_spring", "hip")], MOVING, {"joint_spring_hip.k": 2.0, "joint_spring_hip.q0": 0.1})
     assert spring["C_H"] == pytest.approx(bare["C_H"])
-    assert spring["C_H"] - spring["hip.load"] == pytest.approx(2.0 * (q[0] - 0.1))
+    assert spring["C_H"] - spring["hip.computed"] == pytest.approx(2.0 * (q[0] - 0.1))
     payload = sliding([("payload", "shank")], MOVING, {"payload_shank.m": 1.5})
     knee = 1.5 * 9.80665 * 0.40 * np.sin(q.sum())
-    assert payload["C_K"] - payload["knee.load"] == pytest.approx(knee)
-    assert payload["C_H"] - payload["hip.load"] == pytest.approx(knee + 1.5 * 9.80665 * 0.42 * np.sin(q[0]))
+    assert payload["C_K"] - payload["knee.computed"] == pytest.approx(knee)
+    assert payload["C_H"] - payload["hip.computed"] == pytest.approx(knee + 1.5 * 9.80665 * 0.42 * np.sin(q[0]))
+
+
+def gravity(q_H, q_K, m1=4.0, m2=3.2, c2=0.15):
+    """Torques of hip and knee that hold the leg, by hand."""
+    knee = m2 * c2 * 9.80665 * np.sin(q_H + q_K)
+    return np.array([(m1 * 0.20 + m2 * 0.42) * 9.80665 * np.sin(q_H) + knee, knee])
+
+
+@pytest.mark.parametrize(("effect", "place", "given", "wrong"), [
+    ("reference_mass", "shank", {"m": 0.3}, lambda q: gravity(*q, m2=3.5)),
+    ("reference_mass", "thigh", {"m": -0.3}, lambda q: gravity(*q, m1=3.7)),
+    ("reference_centre", "shank", {"c": 0.02}, lambda q: gravity(*q, c2=0.17)),
+    ("reference_zero", "hip", {"q0": 0.2}, lambda q: gravity(q[0] + 0.2, q[1])),
+    ("reference_zero", "knee", {"q0": -0.3}, lambda q: gravity(q[0], q[1] - 0.3))])
+def test_a_computed_reference_has_the_errors_of_its_model_and_a_sensor_has_not(effect, place, given, wrong):
+    q = np.array([23.0, 17.0]) / 30.25
+    bare = sliding([], MOVING)
+    y = sliding([(effect, place)], MOVING, {f"{effect}_{place}.{n}": v for n, v in given.items()})
+    errors = [y[f"{joint}.computed"] - bare[f"{joint}.computed"] for joint in ("hip", "knee")]
+    np.testing.assert_allclose(errors, wrong(q) - gravity(*q), atol=1e-12)
+    for name in ("C_H", "C_K", "hip.sensed", "knee.sensed"):
+        assert y[name] == pytest.approx(bare[name], abs=1e-12)
+
+
+@pytest.mark.parametrize("reading", ["sensed", "computed"])
+def test_gain_and_offset_of_a_reference_leave_the_true_torque_alone(reading):
+    bare = sliding([], MOVING)
+    y = sliding([("reference_gain", "hip"), ("reference_offset", "hip")], MOVING,
+                {"reference_gain_hip.g": 1.1, "reference_offset_hip.o": 0.4})
+    assert y[f"hip.{reading}"] == pytest.approx(1.1 * bare[f"hip.{reading}"] + 0.4)
+    assert y["C_H"] == pytest.approx(bare["C_H"]) and y["knee.computed"] == pytest.approx(bare["knee.computed"])
+
+
+@pytest.mark.parametrize(("effect", "given", "added"), [
+    ("viscous_asymmetry", {"b_a": 0.02}, lambda w: 0.02 * w),
+    ("viscous_asymmetry", {"b_a": -0.5}, lambda w: max(-0.5 * w, -2 * 0.95 * 0.05 / 1.95)),
+    ("stribeck_asymmetry", {"fs_a": 0.03, "ws": 0.7},
+     lambda w: 2 * 0.95 / 1.95 * 0.03 * np.sign(w) * np.exp(-(w / 0.7) ** 2)),
+    ("sublinear_viscous", {"b": 0.03, "a": 0.4}, lambda w: 0.03 * abs(w) ** 0.4)])
+@pytest.mark.parametrize("speed", [0.3, -0.8, 1.7])
+def test_friction_over_the_speed_is_what_its_equation_says_and_never_gives_power(effect, given, added, speed):
+    signals = {**MOVING, "der(motor1.phi)": speed}
+    names = {f"{effect}_1A.{n}": v for n, v in given.items()}
+    bare, y = sliding([], signals), sliding([(effect, "1A")], signals, names)
+    law = [F["s1A.F"] - 0.1 / 1.95 * abs(F["s1A.L"]) for F in (bare, y)]  # without the load term
+    assert law[1] - law[0] == pytest.approx(added(speed), abs=1e-12)
+    assert y["s1A.loss"] >= 0
 
 
 @pytest.mark.parametrize(("effect", "coefficient", "lost"), [
@@ -125,7 +172,7 @@ def test_a_pair_with_a_squared_load_says_that_it_has_no_closed_form():
 
 def test_places_of_pairs_channels_joints_and_lines():
     found = {e.id: [p.name for p in places(LIBRARY, RIG, e)] for e in catalogue(LIBRARY).values()}
-    assert len(found) == 21
+    assert len(found) == 29
     assert found["cross_load"] == ["1A+2A", "1B+2B"] and found["time_delay"] == ["torque"]
     assert found["joint_spring"] == ["hip", "knee", "hip+knee"] and found["payload"] == ["shank"]
     assert found["cable_compliance"] == found["backlash"] == ["line1", "line2", "line1+line2"]

@@ -34,11 +34,13 @@ equation
   s = held + friction.ds;
   f = max(0, f0 + friction.df0);
   m = mu + friction.dmu;
-  F = 2 * m * f / (1 + m) + 2 * (1 - m) / (1 + m) * abs(load) + friction.dF "Nobili et al., Eq. (friction_model)";
+  F = max(0, 2 * m * f / (1 + m) + friction.dv) + 2 * (1 - m) / (1 + m) * abs(load) + friction.dF
+    "Nobili et al., Eq. (friction_model)";
   flange_a.tau = L + (s * F + friction.dT) / 2;
   flange_b.tau = -(L - (s * F + friction.dT) / 2);
   flange_a.tau + flange_b.tau + support.tau = 0;
   loss = (s * F + friction.dT) * w;
+  friction.phi = phi;
   friction.w = w;
   friction.L = L;
   friction.s = held;

@@ -5,6 +5,7 @@ partial model PairEffect "Changes the law of one segment by the state of another
 equation
   partner.dF = 0;
   partner.df0 = 0;
+  partner.dv = 0;
   partner.ds = 0;
   partner.dmu = 0;
   partner.dT = 0;

@@ -8,6 +8,7 @@ model GearedJoint "Motor, gear with load-dependent losses, and a joint that move
   Components.Fixed frame "Frame, carries motor and gear";
   Components.Joint joint "Joint; its load hangs on flange_b";
   Components.Pendulum load(m=4, l=0.3, J=0.05) "Link and what it carries";
+  Components.HangingLink link_model(m=load.m, c=load.l, arm=load.arm, tilt=load.tilt) "Link that a reference knows";
   Components.Torque outside(tau=push) "Torque from outside on the joint";
   Real q(unit="rad") "Angle of the joint";
   Real w(unit="rad/s") "Speed of the joint";
@@ -21,6 +22,7 @@ equation
   connect(reduction.flange_b, joint.flange_a);
   connect(joint.flange_b, load.flange);
   connect(joint.flange_b, outside.flange);
+  connect(link_model.joint, joint.reference);
   q = joint.flange_b.phi;
   w = der(q);
   C = joint.tau;
@@ -30,6 +32,8 @@ equation
     gravity_model="C from motor.phi push",
     balance="push from motor.phi motor.tau",
     simulate="q C motor.phi from tau push",
-    load="C=joint.load",
+    load="C=joint.computed",
+    sensor="C=joint.sensed",
+    places="link=link_model",
     channels="torque=motor"));
 end GearedJoint;

@@ -71,7 +71,8 @@ equation
     simulate="q_H q_K C_H C_K motor1.phi motor2.phi from tau1 tau2 push_H push_K",
     places="1A=s1A 2A=s2A 1B=s1B 2B=s2B",
     joined="1A+2A 1B+2B motor1+motor2 hip+knee line1+line2",
-    load="C_H=hip.load C_K=knee.load",
+    load="C_H=hip.computed C_K=knee.computed",
+    sensor="C_H=hip.sensed C_K=knee.sensed",
     encoders="q_H=encoder_H:zero_H q_K=encoder_K:zero_K",
     channels="torque=motor1+motor2"));
 end HipKneeTransmission;
