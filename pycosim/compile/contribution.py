@@ -27,7 +27,8 @@ def additions(library, effect):
         Variable of the effect, to the connector and the parameter of the probe there.
     """
     found = {a: (c, a) for c in effect.ports if c in ports(library) for a in ports(library)[c].additions}
-    return {**found, "loss": found["dtau"]} if "dtau" in found else found  # torque at the shaft reads like one in the channel
+    # a torque taken at the shaft reads like one in the channel
+    return {**found, "loss": found["dtau"]} if "dtau" in found else found
 
 
 def effect_question(library, effect):

@@ -341,8 +341,8 @@ class Table:
         Returns
         -------
         dict of str to ndarray
-            By kind of grid: ``time``, ``delay`` [s], ``quadrature``, ``power``, ``angle``, ``travel`` [rad], ``speed`` [rad/s];
-            without those that the data say nothing of.
+            By kind of grid: ``time``, ``delay`` [s], ``quadrature``, ``power`` [1], ``angle``, ``travel`` [rad],
+            ``speed`` [rad/s]; without those that the data say nothing of.
         """
         if component not in self._grids:
             self._grids[component] = self._scan_values(component)
