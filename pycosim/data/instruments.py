@@ -12,6 +12,11 @@ import numpy as np
 DITHERED = 0.5
 """Noise, in steps, from which rounding is noise like any other: the error of a quantiser dithered by Gaussian noise of
 half a step is white within 1 % (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
+AGREED = 0.6
+"""Length of the mean phase of the levels on their lattice: 1 on an exact one, 0.64 where few digits round it by half a
+step once more, 0 on none."""
+HIDDEN = 1.2
+"""Steps of the last digit: an instrument that is not coarser than this leaves the same lattice as digits alone."""
 FEWEST = 8  # different values that a column must take for its lattice to be seen
 
 
@@ -35,12 +40,24 @@ def step(values):
     apart = apart[apart > 1e-9 * span]
     if len(apart) < FEWEST:
         return float(apart.min()) if len(apart) and len(values) > 50 * len(apart) else 0.0
-    least = float(np.median(apart[apart < 1.5 * apart.min()]))
-    for _ in range(2):  # a lattice's step is known the better the longer the way that it is counted over
-        counts = np.round(np.cumsum(apart) / least)
-        least = float(np.cumsum(apart) @ counts / (counts @ counts))
-    off = np.abs(apart / least - np.round(apart / least))
-    return least if np.mean(off < 0.05) > 0.98 and span / least < 1e7 else 0.0
+    starts = {float(apart[apart < reach * apart.min()].mean()) for reach in (1.6, 2.6)}
+    found = [_lattice(levels, start) for start in starts]
+    return max((s for s, agreed in found if agreed > AGREED and span / s < 1e7), default=0.0)
+
+
+def _lattice(levels, start):
+    """Spacing of a lattice near a first guess, and how far the levels agree with it (1: exactly, 0: not at all)."""
+    reach, agreed, least = 30.0 * start, 0.0, start
+    crowd = np.searchsorted(levels, levels + reach) - np.searchsorted(levels, levels - reach)
+    centre = levels[int(np.argmax(crowd))]
+    while True:
+        some = levels[np.abs(levels - centre) <= reach]
+        tried = least * (1 + np.linspace(-0.6, 0.6, 49) * start / reach * (6.0 if agreed == 0.0 else 1.0))
+        sure = np.abs(np.exp(2j * np.pi * (some - centre) / tried[:, None]).mean(1))
+        least, agreed = float(tried[np.argmax(sure)]), float(sure.max())
+        if reach >= levels[-1] - levels[0] or agreed < AGREED:
+            return least, agreed
+        reach *= 4.0
 
 
 def smooth(time, values, run):
@@ -86,7 +103,12 @@ def rounded(values, quantum, dither, rng):
     true = values + quantum * rng.uniform()
     if dither > 0.0:
         true = true + dither * rng.standard_normal(len(values))
-    return np.round(true / quantum) * quantum - true
+    read = true
+    if abs(np.log10(quantum) - np.round(np.log10(quantum))) < 1e-6:  # digits, behind which there may be an instrument
+        hidden = HIDDEN * quantum
+        zero = hidden * rng.uniform()
+        read = np.round((true + zero) / hidden) * hidden - zero
+    return np.round(read / quantum) * quantum - true
 
 
 def rounding(dataset, model, fit, part="fit"):

@@ -1,7 +1,7 @@
 """A fitted effect in; whether its coefficient is the same all over the data, or only an average of another law, out.
 
 What an effect adds to the residual is multiplied by a free function of one variable after the other. A law that is
-right gains nothing by that; one that stands in for another law gains, on blocks that the function was not fitted to,
+right gains nothing by that; one that stands in for another law gains, on passes that the function was not fitted to,
 much of what it has taken away itself.
 """
 
@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..compile import component_name
-from .dependence import SAMPLES, explanations, explained
+from .dependence import SAMPLES, explained, explanations, stretches
 
 LEVELS = 8  # of a variable, over which the coefficient may differ
 LACK = 0.25
 """Of what an effect takes away, that it may gain where its coefficient varies. A law that stands in for another gains
 about as much as it takes; one that is right gains nothing, and something where another effect is missing too."""
 SURE = 3.0
-"""Standard errors over the blocks by which a varying coefficient must predict unseen ones better."""
+"""Standard errors over blocks or passes by which a varying coefficient must predict unseen ones better."""
 
 
 @dataclass
@@ -62,8 +62,7 @@ def constancy(dataset, model, fit, noise):
     problem, sloped, index = problem.thin(thin), sloped.thin(thin), index[::thin]
     slope = np.concatenate([j for _, _, j in sloped.blocks(fit.values)], axis=2)
     white = [n.whiten(r, problem.chain) for n, r in zip(noise, problem.residual(fit.values))]
-    blocks, label = np.unique(problem.block, return_inverse=True)
-    fold = dataset.fold[blocks][label]
+    label, fold = stretches(dataset, problem)
     bins = {n: levels(v) for n, v in explanations(dataset, model, fit, index).items()}
     found = {}
     for effect, place in model.attached:
@@ -71,7 +70,7 @@ def constancy(dataset, model, fit, noise):
         xy, xx = sum(a * r for a, r in zip(added, white)), sum(a * a for a in added)
         found[effect.id, place.name] = best = Constancy()
         for name, cells in bins.items():
-            gain, errors = explained(xy, xx, 1.0, cells, fold, label, len(blocks))
+            gain, errors = explained(xy, xx, 1.0, cells, fold, label, label.max() + 1)
             if errors > SURE and gain > best.gain:
                 found[effect.id, place.name] = best = Constancy(float(gain), name)
     return found

@@ -22,6 +22,7 @@ from .scores import LEVEL, Scores
 from .table import Table
 from ..fit import least_squares
 
+NOTHING = "its interval holds zero, so that something else is at work"
 ALIKE = 0.2  # of what the best takes away, that an alternative may leave
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
 REFITS = 10
@@ -147,7 +148,11 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
         larger = compile_model(dataset.library, model.rig, [*model.keys, chosen.key])
         chosen.fit = least_squares.fit(dataset, larger, chosen.fit.parameters)
         chosen.coefficients = _coefficients(larger, chosen.fit)
-        _explained_by(findings, chosen, scores)
+        if _holds_nothing(chosen):  # all samples are in this fit, and a bound that only they reach
+            chosen.accepted = chosen.provisional = False
+            chosen.refused, chosen.twins, chosen = NOTHING, [], None
+        else:
+            _explained_by(findings, chosen, scores)
     say("looking at what is left")
     hidden = undetectable(table, scores)
     verdict = _verdict(findings, alarm, hidden, dataset, model.attached)
@@ -327,10 +332,13 @@ def _refused(base, finding):
         return "no better on passes that it was not fitted to"
     if shares[own] < RELEVANT:
         return f"too small to matter: {100 * shares[own]:.2g} % of the squared error"
-    sizes = [c["ci95"] for n, c in finding.coefficients.items() if n in finding.sizes]
-    if sizes and all(low <= finding.sizes[n] <= high for (low, high), n in zip(sizes, finding.sizes)):
-        return "its interval holds zero"
-    return None
+    return NOTHING if _holds_nothing(finding) else None
+
+
+def _holds_nothing(finding):
+    """Whether the intervals of all sizes hold the value that changes nothing."""
+    ends = [(finding.coefficients[n]["ci95"], neutral) for n, neutral in finding.sizes.items()]
+    return bool(ends) and all(low <= neutral <= high for (low, high), neutral in ends)
 
 
 def _twins(base, other, best, errors=SEPARATE):
@@ -349,7 +357,7 @@ def _verdict(findings, alarm, hidden, dataset, attached):
     unseen = {(h["effect"], h["place"]) for h in hidden}
     if np.count_nonzero(~dataset.is_test) < 2 or (not attached and all(f.key in unseen for f in findings)):
         return "not_enough_excitation"
-    if alarm or any(f.provisional for f in findings):
+    if alarm or any(f.provisional or f.refused == NOTHING for f in findings):
         return "unexplained"
     return "nothing_missing"
 

@@ -11,13 +11,15 @@ from ..data.instruments import rounding
 from ..data.noise import contiguous
 
 BINS = 24
+ENOUGH = 20  # blocks, whose scatter tells a standard error; with fewer, passes do
+FOLDS = 5
 MOMENTS = 1.5  # [s]: a stretch in which friction that comes and goes is taken to last
 ALARM = 4.0  # standard errors by which a dependence must lower the error on blocks that it was not fitted to ..
 RELEVANT = 0.01
 """Least share of the energy that matters: half a percent of the error, which nobody would notice in an estimate."""
 SAMPLES = 20000  # that bins are compared on
 BROAD = 1.1  # times its energy in a few draws, that rounding may leave
-AGAIN = 4  # times that what was measured is rounded anew
+AGAIN = 12  # times that what was measured is rounded anew
 SHARE, FEW = 0.05, 1.5  # .. or this share of the error's energy, where few blocks hold it, and so many standard errors
 
 
@@ -224,12 +226,12 @@ class _Given:
         plain = np.zeros((len(residual), len(residual), problem.n))
         plain[np.arange(len(residual)), np.arange(len(residual))] = 1.0
         waves = list(np.concatenate([slope, plain], axis=1).transpose(1, 0, 2))
-        blocks, label = np.unique(problem.block, return_inverse=True)
+        label, fold = stretches(dataset, problem)
         drawn, rng = rounding(dataset, model, fit), np.random.default_rng(seed)
         roundings = [drawn(rng)[:, ::thin] for _ in range(AGAIN)] if drawn else []
         bins = {n: _bins(v) for n, v in explanations(dataset, model, fit, index).items()}
         return cls(dataset, problem, residual, waves, [n.endswith(".dF") for n in names], fit.weights[:, None] ** 2,
-                   bins, dataset.fold[blocks][label], label, np.array(roundings))
+                   bins, fold, label, np.array(roundings))
 
     def beyond_rounding(self):
         """Channels of whose residual rounding is the lesser part; all, where it is the larger part of each."""
@@ -239,12 +241,37 @@ class _Given:
 
     def drives(self, weights, residual):
         """Products of each wave with a residual, and with itself."""
-        return [((weights * w * residual).sum(0), (weights * w ** 2).sum(0)) for w in self.waves]
+        return [self.drive(weights, residual, k) for k in range(len(self.waves))]
+
+    def drive(self, weights, residual, k):
+        """The same of one wave."""
+        wave = self.waves[k]
+        return (weights * wave * residual).sum(0), (weights * wave ** 2).sum(0)
 
     def removed(self, drives, bins, energy):
         """Share of the energy, and its standard errors, that each wave times a function of bins removes."""
         count = self.label.max() + 1
         return [explained(xy, xx, energy, bins, self.fold, self.label, count) for xy, xx in drives]
+
+
+def stretches(dataset, problem):
+    """Stretches of the data that predict each other: blocks, or passes where a short log has few blocks.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    problem : Residuals
+
+    Returns
+    -------
+    label, fold : ndarray of int, shape (n,)
+        Stretch and fold of each sample.
+    """
+    blocks, label = np.unique(problem.block, return_inverse=True)
+    if len(blocks) >= ENOUGH:
+        return label, dataset.fold[blocks][label]
+    label = np.unique(problem.group, return_inverse=True)[1]
+    return label, label % FOLDS
 
 
 def _dependence(given, chosen):
@@ -254,7 +281,7 @@ def _dependence(given, chosen):
     if energy <= 0.0:
         return Dependence([], False)
     drives = given.drives(weights, given.residual)
-    rounded = [given.drives(weights, r) for r in given.roundings]
+    rounded = [lambda k, r=r: given.drive(weights, r, k) for r in given.roundings]
     beyond = 1.0 - BROAD * max(((weights * r ** 2).sum() / energy for r in given.roundings), default=0.0)
     found, sure, most = [], False, (0.0, None)
     for name, bins in given.bins.items():
@@ -262,7 +289,7 @@ def _dependence(given, chosen):
         k = max(range(len(tried)), key=lambda i: tried[i][0])
         share, errors = tried[k]
         if share > RELEVANT and rounded:  # a sawtooth is a function of its angle, and nothing that is missing
-            share -= max(max(t[0] for t in given.removed(again, bins, energy)) for again in rounded)
+            share -= max(given.removed([again(k)], bins, energy)[0][0] for again in rounded)
             share = min(share, beyond)
         found.append({"variable": name, "strength": max(0.0, float(share))})
         sure |= _beyond_chance(share, errors)
