@@ -9,7 +9,6 @@ from .compare import unit_of
 from ..compile.effects import annotation
 from .dependence import explanations
 
-FACTOR = 10.0  # an effect is out of reach when four standard errors exceed this many nominal values of its coefficient
 
 
 def undetectable(table, scores):

@@ -13,12 +13,12 @@ from scipy import special
 
 from ..data.noise import fit_noise
 from .cycles import ripples
-from .excitation import FACTOR
 from ..fit import least_squares
 from ..fit.least_squares import bounded
 
 LEVEL = 0.01
 DRAWS = 1999
+SEEN = 4.0  # standard errors that the largest size of an effect must exceed for the log to say anything of it
 SHADOW = 1e-4  # of a column, that must be left beside another for it to be more than its shadow
 ROUNDINGS = 40
 """Times that what was measured is rounded anew: the spread of a score is then known to about a tenth."""
@@ -338,9 +338,8 @@ class Scores:
             return False
         if candidate.names[0] in candidate.effect.scan:
             return True
-        spread = np.sqrt(self.variance / diagonal)
-        nominal = self.table.contribution(candidate.effect).question.variables[candidate.names[0]].nominal
-        return bool(4 * np.min(spread) < FACTOR * nominal)
+        largest = np.maximum(np.abs(candidate.lower), np.abs(candidate.upper))
+        return bool((SEEN * np.sqrt(self.variance / diagonal) < largest).any())
 
     def _surprise(self, value, d, sided):
         """Minus log of the single p-value of a statistic with d coefficients, for the noise's degrees of freedom."""
