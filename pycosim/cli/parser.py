@@ -112,6 +112,8 @@ def build_parser():
             sub.add_argument("scenario", metavar="SCENARIO", help="scenario file (TOML)")
             sub.add_argument("--until", type=float, metavar="T", help="stop at this time [s], with a checkpoint")
             sub.add_argument("--resume", metavar="FILE", help="go on from this checkpoint")
+            sub.add_argument("--allow-python", nargs="+", default=[], metavar="FILE",
+                             help="files of Python classes in the scenario whose code may run; none does otherwise")
             sub.add_argument("--checkpoint-every", type=float, metavar="S", dest="every",
                              help="leave a checkpoint beside DIR every S seconds, until the run has ended")
         elif verb != "demo":
@@ -194,7 +196,8 @@ def parse(argv):
         known += EXPORT if known and arguments.verb == "export" else []
         known += ["--robust"] if known and arguments.verb in ROBUST else []
         known += PLAN if known and arguments.verb == "plan" else []
-        known += ["--until", "--resume", "--checkpoint-every"] if known and arguments.verb == "cosim" else []
+        if known and arguments.verb == "cosim":
+            known += ["--until", "--resume", "--checkpoint-every", "--allow-python"]
         known += ["--port", "--no-browser"] if known and arguments.verb == "app" else []
         raise UsageError(f"unknown {what} '{unknown[0]}'{closest(unknown[0], known)}; "
                          f"see 'pycosim {arguments.verb or ''} --help'".replace("  ", " "))

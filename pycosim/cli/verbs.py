@@ -458,14 +458,15 @@ def cosim(arguments, progress):
     scenario = load_scenario(arguments.scenario)
     if arguments.data:
         raise UsageError("cosim reads no log; the motion that it follows stands in the scenario")
-    out = Path(arguments.out or f"{scenario.name}cosim")
+    out = Path(arguments.out or f"{scenario.name}_cosim")
     resume = _checkpoint(arguments.resume) if arguments.resume else None
     if arguments.every is not None and not arguments.every >= 0:
         raise UsageError(f"--checkpoint-every {arguments.every:g}: seconds cannot be below zero")
     beside = out.with_name(f"{out.name}.checkpoint.zip")
     save = None if arguments.every is None else lambda data: _replace(beside, data)
     with Folder(out, "cosim", scenario.path, WRITES["cosim"]) as folder:
-        done = cosimulate(scenario, arguments.until, resume, progress, save=save, every=arguments.every)
+        done = cosimulate(scenario, arguments.until, resume, progress, save=save, every=arguments.every,
+                          allow_python=arguments.allow_python)
         folder.write("run.csv", done.text)
         folder.write("cosim.json", done.description)
         if done.checkpoint:
@@ -474,7 +475,8 @@ def cosim(arguments, progress):
         cosim_figures.write_log(folder.temporary, done)
     if save:
         beside.unlink(missing_ok=True)  # what is in the folder now goes further
-    again = f"pycosim cosim {arguments.scenario} --resume {out / 'checkpoint.zip'}"
+    allowed = f" --allow-python {' '.join(arguments.allow_python)}" if arguments.allow_python else ""
+    again = f"pycosim cosim {arguments.scenario} --resume {out / 'checkpoint.zip'}{allowed}"
     if not done.complete and (arguments.until is None or done.time < arguments.until):
         raise Stopped(f"interrupted at t = {done.time:g} s; the log up to there is in {out}, to go on: {again}")
     if arguments.json:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-import pickle
+import pickle  # of trees in memory only: no file is read by it
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +19,7 @@ from pymoca.backends.casadi.generator import Generator, GeneratorWalker
 from ..core import cache
 from ..core.errors import ModelicaError, UnknownNameError, closest
 from ..core.units import Variable
+from . import tree_data
 
 logging.getLogger("pymoca").setLevel(logging.CRITICAL)
 LIBRARY = Path(__file__).parents[1] / "modelica"
@@ -105,7 +106,7 @@ class Library:
     @cached_property
     def tree(self):
         """The parsed tree of all files."""
-        return cache.remember("tree", self.digest, self._parse, pickle.dumps, pickle.loads)
+        return cache.remember("tree", self.digest, self._parse, tree_data.dump, tree_data.load)
 
     def _parse(self):
         tree = None

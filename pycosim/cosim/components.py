@@ -7,7 +7,6 @@ import hashlib
 import importlib.util
 import json
 import math
-import pickle
 import shutil
 import sys
 import tempfile
@@ -27,6 +26,7 @@ from ..export.description import STEP, values
 from ..export.fmu import export_fmu
 from ..study.parse import load_study
 from ..study.schema import Study
+from . import checkpoint
 
 # --- components ------------------------------------------------------------------------------------------------------
 
@@ -229,9 +229,9 @@ class _Python(_Participant):
 
     kind = "Python class"
 
-    def __init__(self, c, scenario):
+    def __init__(self, c, scenario, allowed):
         self.what = c.what
-        made = _import(c.what, scenario.path.parent)
+        made = _import(c.what, scenario, allowed)
         try:
             self.object = made(period=float(1 / c.rate), **c.parameters)
             self.inputs, self.known = list(self.object.inputs), list(self.object.outputs)
@@ -251,24 +251,37 @@ class _Python(_Participant):
 
     def save(self):
         try:
-            return pickle.dumps(self.object.__dict__)
-        except Exception as error:
-            raise CosimulationError(f"'{self.what}' cannot be saved for a checkpoint: {error}; keep what cannot be "
-                                    "pickled out of its attributes") from None
+            return checkpoint.dump(vars(self.object))
+        except TypeError as error:
+            raise CosimulationError(f"'{self.what}' cannot be saved for a checkpoint: {error}; keep numbers, texts, "
+                                    "arrays, lists and dictionaries of them in its attributes") from None
 
     def load(self, data):
-        self.object.__dict__.clear()
-        self.object.__dict__.update(pickle.loads(data))
+        try:
+            found = checkpoint.load(data)
+        except ValueError as error:
+            raise CosimulationError(f"the checkpoint of '{self.what}' cannot be read: {error}") from None
+        vars(self.object).clear()
+        vars(self.object).update(found)
 
 
-def _import(what, folder):
-    """A class by ``module:Class``, looked for beside the scenario first."""
+def _import(what, scenario, allowed):
+    """A class by ``module:Class``, looked for beside the scenario first; only from a file or module that is allowed."""
     module, _, name = what.partition(":")
     if not module or not name:
         raise CosimulationError(f"'{what}' is not of the form \"module:Class\"")
+    folder = scenario.path.parent
+    path = folder.joinpath(*module.split(".")).with_suffix(".py")
+    if path.is_file():
+        fine, shown = path.resolve() in [Path(a).resolve() for a in allowed], str(path)
+    else:
+        fine, shown = module in [str(a) for a in allowed], module
+    if not fine:
+        raise CosimulationError(f"it runs the Python code of '{shown}', which may do anything on this computer; read "
+                                f"it, then allow it: pycosim cosim {scenario.path} --allow-python {shown}")
     sys.path.insert(0, str(folder))
     try:
-        found = _module(module, folder)
+        found = _module(module, path)
     except Exception as error:
         raise CosimulationError(f"'{module}' cannot be imported: {type(error).__name__}: {error}") from None
     finally:
@@ -279,14 +292,13 @@ def _import(what, folder):
     return getattr(found, name)
 
 
-def _module(module, folder):
+def _module(module, path):
     """A module of the scenario's folder, under a name of its own: another scenario may have one of the same name."""
-    path = folder.joinpath(*module.split(".")).with_suffix(".py")
     if not path.is_file():
         return importlib.import_module(module)
     name = f"scenario_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
-    sys.modules[name] = found = importlib.util.module_from_spec(spec)  # pickle looks classes up there
+    found = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(found)
     return found
 
@@ -434,7 +446,7 @@ def _machine(scenario, what, library):
     return study, study.validate(library)
 
 
-def make_component(scenario, c, library, stack):
+def make_component(scenario, c, library, stack, allowed):
     """The participant that a component of the scenario describes.
 
     Parameters
@@ -444,6 +456,8 @@ def make_component(scenario, c, library, stack):
     library : Library
     stack : contextlib.ExitStack
         Takes down what the participant leaves: processes, folders.
+    allowed : sequence of str or path
+        Files and modules whose Python code may run.
 
     Returns
     -------
@@ -461,7 +475,7 @@ def make_component(scenario, c, library, stack):
             raise CosimulationError(f"no FMU {path}{closest(path.name, [p.name for p in path.parent.glob('*.fmu')])}")
         return _Fmu(c, path, stack)
     if c.kind == "python":
-        return _Python(c, scenario)
+        return _Python(c, scenario, allowed)
     if c.kind == "plant":
         study, model = _machine(scenario, c.what, library)
         if c.run == "process":

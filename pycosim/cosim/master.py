@@ -24,7 +24,7 @@ from .components import check_names, make_component, naming
 from .scenario import Scenario, cycle, load_scenario
 
 __all__ = ["Cosimulation", "cosimulate"]
-_FORMAT = 1  # of a checkpoint
+_FORMAT = 2  # of a checkpoint; 1 held pickles
 
 
 @dataclass
@@ -55,7 +55,8 @@ class Cosimulation:
     description: dict
 
 
-def cosimulate(scenario, until=None, resume=None, progress=None, library=None, stop=None, save=None, every=60.0):
+def cosimulate(scenario, until=None, resume=None, progress=None, library=None, stop=None, save=None, every=60.0,
+               allow_python=()):
     """Step the components of a scenario together.
 
     Parameters
@@ -74,6 +75,9 @@ def cosimulate(scenario, until=None, resume=None, progress=None, library=None, s
         Called with a checkpoint on the way, for what ends a run without asking.
     every : float
         Seconds, by the clock on the wall, from one such checkpoint to the next.
+    allow_python : sequence of str or path
+        Files of Python classes beside the scenario, or names of installed modules, whose code may run; without it a
+        scenario runs no code.
 
     Returns
     -------
@@ -84,14 +88,14 @@ def cosimulate(scenario, until=None, resume=None, progress=None, library=None, s
     ScenarioError
         The scenario contradicts itself, or the checkpoint is not its own.
     CosimulationError
-        A component cannot be loaded, or fails on the way.
+        A component cannot be loaded, fails on the way, or runs code that is not allowed.
     UnknownNameError
         A variable, parameter, option or machine that does not exist.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
     with ExitStack() as stack:
-        master = _Master(scenario, library or Library(), stack, progress or (lambda text: None))
+        master = _Master(scenario, library or Library(), stack, progress or (lambda text: None), allow_python)
         if resume is not None:
             master.restore(resume)
         return master.run(until, stop or (lambda: False), _saving(save, every))
@@ -115,13 +119,13 @@ def _saving(save, every):
 class _Master:
     """Steps the components of a scenario."""
 
-    def __init__(self, scenario, library, stack, progress):
+    def __init__(self, scenario, library, stack, progress, allow_python):
         self.scenario, self.progress = scenario, progress
         self.parts = {}
         for c in scenario.components:
             progress(f"preparing {c.name}")
             with naming(scenario, c.name):
-                self.parts[c.name] = make_component(scenario, c, library, stack)
+                self.parts[c.name] = make_component(scenario, c, library, stack, allow_python)
         self._connect()
         self._clock()
         self.tick = 0

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import ast
+import math
+import operator
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from ..compile.effects import _members, annotation, component_names
+from ..core.errors import ModelicaError
 
 _KEYS = {"mass", "moment", "inertia", "length"}
 
@@ -113,9 +117,33 @@ def evaluate(formula, values):
     Returns
     -------
     float
+
+    Raises
+    ------
+    ModelicaError
+        It is no arithmetic of numbers and these names: a Modelica file of someone else's must not do more than that.
     """
-    import pandas as pd
-    return float(pd.eval(formula, engine="python", parser="python", local_dict=values))
+    try:
+        return float(_arithmetic(ast.parse(formula.strip(), mode="eval").body, values))
+    except (SyntaxError, ValueError, TypeError, KeyError, ZeroDivisionError, OverflowError, RecursionError):
+        raise ModelicaError(f"the formula '{formula}' of an annotation is no sum, product, quotient or power of "
+                            f"numbers and {', '.join(values)}") from None
+
+
+_OPERATIONS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+               ast.Pow: math.pow, ast.USub: operator.neg, ast.UAdd: operator.pos}
+
+
+def _arithmetic(node, values):
+    if isinstance(node, ast.BinOp):
+        return _OPERATIONS[type(node.op)](_arithmetic(node.left, values), _arithmetic(node.right, values))
+    if isinstance(node, ast.UnaryOp):
+        return _OPERATIONS[type(node.op)](_arithmetic(node.operand, values))
+    if isinstance(node, ast.Name):
+        return values[node.id]
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        return float(node.value)
+    raise ValueError(node)
 
 
 def _read(component, text, values):

@@ -12,7 +12,7 @@ from ..control import controllers
 from ..core.errors import ModelicaError, StudyError
 from . import units
 from .controller import export_block
-from .description import describe, values
+from .description import c_name, describe, values
 from .fmu import export_fmu, write_archive
 
 PLANT = "plant"
@@ -124,8 +124,8 @@ def export_ssp(study, model, folder, fmi=2, platforms="host", others=(), wires=N
     """Write ``<study>.ssp``: the plant, further parts, their parameter sets, and what is connected to what.
 
     An output and an input of two parts are connected where their names are the same, as ``tau1``, the plant's output
-    first; what is left of the inputs, and every output, is at the border of the system, those of other parts as
-    ``estimator_C``.
+    first; what is left of the inputs, and every output, is at the border of the system, dots as underscores, those of
+    other parts as ``estimator_C``.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def _structure(plant, parts, sets, wires):
     """``SystemStructure.ssd``."""
     root = xml.Element(_tag("ssd:SystemStructureDescription"), version="1.0", name=plant.name,
                        description=f"{plant.rig}: {plant.description}", generationTool=f"pycosim {__version__}")
-    system = _add(root, "ssd:System", name=plant.name)
+    system = _add(root, "ssd:System", name=c_name(plant.name))
     border, connections = _wiring(parts, wires)
     _connectors(system, border)
     bindings = _add(system, "ssd:ParameterBindings")
@@ -255,18 +255,27 @@ def _connectors(element, connectors):
 
 def _wiring(parts, wires):
     """Connectors of the system, and connections as ((component or None, name), (component or None, name))."""
-    border, connections = {}, []
+    border, connections, whose = {}, [], {}
+
+    def outside(name, connector):
+        """A connector of the system: importers take identifiers only, so dots become underscores."""
+        ident = c_name(name)
+        if whose.setdefault(ident, name) != name:
+            raise StudyError(f"at the border of the system, '{whose[ident]}' and '{name}' would both be called "
+                             f"'{ident}'; give one of the variables another name")
+        border[ident] = connector
+        return None, ident
+
     for part, connectors in parts.items():
-        for name, (kind, *rest) in connectors.items():
-            if kind == "input":
+        for name, connector in connectors.items():
+            if connector[0] == "input":
                 start = wires.get((part, name)) or _feeding(parts, part, name)
                 if start[0] is None:
-                    border[name] = (kind, *rest)
+                    start = outside(name, connector)
                 connections.append((start, (part, name)))
             else:
-                outside = name if part == PLANT else f"{part}_{name}"
-                border[outside] = (kind, *rest)
-                connections.append(((part, name), (None, outside)))
+                end = outside(name if part == PLANT else f"{part}_{name}", connector)
+                connections.append(((part, name), end))
     return border, connections
 
 

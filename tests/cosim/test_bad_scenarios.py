@@ -90,7 +90,7 @@ def refuse(text, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "parts.py").write_text(PARTS)
     (tmp_path / "joint.toml").write_text(text)
-    assert main(["cosim", "joint.toml"]) == 2
+    assert main(["cosim", "joint.toml", "--allow-python", "parts.py", "no_such"]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and "Traceback" not in err
     assert {p.name for p in tmp_path.iterdir()} - {"__pycache__"} == {"joint.toml", "parts.py"}

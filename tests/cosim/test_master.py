@@ -1,12 +1,19 @@
 """Claims about the master: rates, order of exchange, determinism, stopping and going on."""
 
+import base64
+import hashlib
+import io
+import json
 import os
+import pickle
 import signal
+import zipfile
+from functools import partial
 
 import numpy as np
 import pytest
 
-from pycosim.core.errors import ScenarioError
+from pycosim.core.errors import CosimulationError, ScenarioError
 from pycosim.cosim.master import cosimulate
 
 ECHO = """\
@@ -53,7 +60,7 @@ columns = { t = "clock.t", first = "first.y", second = "second.y", calls = "firs
 @pytest.fixture
 def chain(scenario, tmp_path):
     (tmp_path / "parts.py").write_text(ECHO)
-    return lambda *changes: cosimulate(scenario(*changes, text=CHAIN)).log
+    return lambda *changes: cosimulate(scenario(*changes, text=CHAIN), allow_python=[tmp_path / "parts.py"]).log
 
 
 def test_a_component_holds_its_answer_between_its_own_instants(chain):
@@ -124,9 +131,85 @@ def test_checkpoints_on_the_way_change_nothing_and_each_leads_to_the_same_log(sc
 
 def test_python_controllers_go_on_where_they_were(scenario, tmp_path):
     (tmp_path / "parts.py").write_text(ECHO)
-    made = scenario(text=CHAIN)
-    part = cosimulate(made, until=0.05)
-    assert cosimulate(made, resume=part.checkpoint).text == cosimulate(made).text
+    made, run = scenario(text=CHAIN), partial(cosimulate, allow_python=[tmp_path / "parts.py"])
+    part = run(made, until=0.05)
+    assert run(made, resume=part.checkpoint).text == run(made).text
+
+
+KEPT = """
+import numpy as np
+
+
+class Echo:
+    inputs, outputs = ["u"], ["y", "calls"]
+
+    def __init__(self, period, gain=1.0):
+        self.kept = {"gain": gain, "calls": 0, (1, "a"): {3, 4}, "list": [1.5, None, True, float("inf")],
+                     "array": np.arange(6.0).reshape(2, 3), "large": 1 << 80}
+
+    def step(self, time, inputs):
+        self.kept["calls"] += 1
+        self.kept["array"][1] *= 1.001
+        good = self.kept[1, "a"] == {3, 4} and self.kept["large"] == 1 << 80 and self.kept["list"][3] == float("inf")
+        return {"y": good * self.kept["array"].sum(), "calls": self.kept["calls"]}
+"""
+
+
+def test_a_checkpoint_keeps_data_of_every_kind(scenario, tmp_path):
+    clock = ECHO[ECHO.index("class Clock"):]
+    (tmp_path / "parts.py").write_text(KEPT + "\n\n" + clock)
+    made, run = scenario(text=CHAIN), partial(cosimulate, allow_python=[tmp_path / "parts.py"])
+    whole, part = run(made), run(made, until=0.05)
+    assert run(made, resume=part.checkpoint).text == whole.text and whole.log["first"].iloc[-1] > 15
+
+
+def test_what_is_no_data_is_refused_in_a_checkpoint_by_name(scenario, tmp_path):
+    (tmp_path / "parts.py").write_text(ECHO.replace("pass", "self.file = open(__file__)"))
+    with pytest.raises(CosimulationError, match="'file' is a TextIOWrapper"):
+        cosimulate(scenario(text=CHAIN), until=0.05, allow_python=[tmp_path / "parts.py"])
+
+
+def repacked(data, change):
+    """A checkpoint with changed content and a checksum that fits."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        content = json.loads(archive.read("checkpoint.json"))
+    change(content)
+    text = json.dumps(content).encode()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("checkpoint.json", text)
+        archive.writestr("sha256", hashlib.sha256(text).hexdigest())
+    return packed.getvalue()
+
+
+def test_a_checkpoint_of_a_stranger_runs_no_code(scenario, tmp_path):
+    """A pickle in it would; it is read as data, and refused."""
+    (tmp_path / "parts.py").write_text(ECHO)
+    made, run, trace = scenario(text=CHAIN), partial(cosimulate, allow_python=[tmp_path / "parts.py"]), tmp_path / "ran"
+
+    class Evil:
+        def __reduce__(self):
+            return (open, (str(trace), "w"))
+
+    def change(content):
+        content["parts"]["first"] = base64.b64encode(pickle.dumps({"gain": Evil()})).decode()
+
+    with pytest.raises(CosimulationError, match="cannot be read"):
+        run(made, resume=repacked(run(made, until=0.05).checkpoint, change))
+    assert not trace.exists()
+
+
+def test_a_scenario_runs_no_python_that_is_not_allowed_by_name(scenario, tmp_path):
+    (tmp_path / "parts.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n" + ECHO)
+    (tmp_path / "other.py").write_text("")
+    for allowed in ((), [tmp_path / "other.py"], ["parts"]):
+        with pytest.raises(CosimulationError, match="--allow-python .*parts.py"):
+            cosimulate(scenario(text=CHAIN), allow_python=allowed)
+    with pytest.raises(CosimulationError, match="--allow-python this"):
+        cosimulate(scenario(text=CHAIN.replace("parts:Clock", "this:Clock")), allow_python=[tmp_path / "parts.py"])
+    assert not (tmp_path / "ran").exists()
+    assert cosimulate(scenario(text=CHAIN), allow_python=[tmp_path / "parts.py"]).complete
+    assert (tmp_path / "ran").exists()
 
 
 def test_a_checkpoint_of_another_scenario_or_a_damaged_one_is_refused(scenario, library):

@@ -49,6 +49,27 @@ def test_fmpy_simulates_it_with_its_parameter_set(system, study, model):
     assert np.allclose(found["q"], found["plant.q"], rtol=0, atol=0)
 
 
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_names_at_the_border_are_identifiers(study, model, tmp_path, fmi):
+    """OMSimulator refuses dots there; in a component, a connector is called as its variable."""
+    made = export(study("GearedJoint"), model("GearedJoint"), tmp_path, to="ssp", fmi=fmi)
+    read = read_ssd(str(tmp_path / made.files[0]))
+    border = {c.name for c in read.system.connectors}
+    assert {"motor_phi", "controller_motor_tau", "ref_motor_phi", "estimator_C"} < border
+    assert all(re.fullmatch(r"[A-Za-z_]\w*", n, re.ASCII) for n in (*border, read.system.name))
+    ends = {e for c in read.system.connections for e in (c.startConnector if c.startElement is None else None,
+                                                         c.endConnector if c.endElement is None else None) if e}
+    assert ends == border
+    plant = next(c for c in find_components(read.system) if c.name == "plant")
+    assert "motor.phi" in {c.name for c in plant.connectors}
+
+
+def test_two_names_that_would_be_one_at_the_border_are_refused(study, model, tmp_path):
+    others = [Part("one", b"", {"a.b": ("output", "Real", "1"), "a_b": ("output", "Real", "1")})]
+    with pytest.raises(StudyError, match="'one_a.b' and 'one_a_b'"):
+        export_ssp(study("GearedJoint"), model("GearedJoint"), tmp_path, others=others)
+
+
 @pytest.fixture(scope="module")
 def controlled(study, model, tmp_path_factory):
     """What the command writes: plant, controller and estimator."""
@@ -63,9 +84,9 @@ def test_the_command_connects_controller_and_estimator(controlled):
     assert [c.name for c in find_components(read.system)] == ["plant", "controller", "estimator"]
     wires = {(c.endElement, c.endConnector): (c.startElement, c.startConnector) for c in read.system.connections}
     assert wires["plant", "tau"] == ("controller", "motor.tau")
-    assert wires["estimator", "motor.tau"] == ("plant", "motor.tau") == wires[None, "motor.tau"]
+    assert wires["estimator", "motor.tau"] == ("plant", "motor.tau") == wires[None, "motor_tau"]
     assert wires["controller", "motor.phi"] == ("plant", "motor.phi") and wires[None, "estimator_C"][0] == "estimator"
-    assert wires["controller", "ref.motor.phi"] == (None, "ref.motor.phi") and wires["plant", "push"][0] is None
+    assert wires["controller", "ref.motor.phi"] == (None, "ref_motor_phi") and wires["plant", "push"][0] is None
     gains = {p.name: float(p.value) for p in read_ssv(str(controlled), "resources/controller.ssv").parameters}
     assert gains["controller.kp"] == 3.0 and gains["controller.gear.f0"] == 0.04
 
@@ -75,10 +96,10 @@ def followed(path, most):
     chosen = read_ssv(str(path), "resources/controller.ssv")
     next(p for p in chosen.parameters if p.name == "controller.tau_max").value = str(most)
     size, speed = 20.0, 3.0
-    motion = {"ref.motor.phi": lambda t: size * (1 - np.cos(speed * t)),
-              "ref.motor.w": lambda t: size * speed * np.sin(speed * t),
-              "ref.motor.a": lambda t: size * speed ** 2 * np.cos(speed * t)}
-    motion["motor.a"] = motion["ref.motor.a"]  # nobody measures it; the estimator takes it for the rotor's inertia
+    motion = {"ref_motor_phi": lambda t: size * (1 - np.cos(speed * t)),
+              "ref_motor_w": lambda t: size * speed * np.sin(speed * t),
+              "ref_motor_a": lambda t: size * speed ** 2 * np.cos(speed * t)}
+    motion["motor_a"] = motion["ref_motor_a"]  # nobody measures it; the estimator takes it for the rotor's inertia
     y = simulate_ssp(str(path), stop_time=1.0, step_size=1e-3, parameter_set=chosen, input=motion)
     return y, size * (1 - np.cos(speed * (y["time"] + 1e-3)))
 
@@ -86,11 +107,11 @@ def followed(path, most):
 def test_the_system_follows_a_motion_and_estimates_its_torque(controlled):
     y, wanted = followed(controlled, 3.0)
     late = y["time"] > 0.1
-    assert np.abs(y["motor.phi"] - wanted)[late].max() < 0.005 * np.ptp(wanted)
+    assert np.abs(y["motor_phi"] - wanted)[late].max() < 0.005 * np.ptp(wanted)
     assert np.ptp(y["C"]) > 5 and np.abs(y["estimator.C"] - y["C"])[late].max() < 0.05 * np.ptp(y["C"])
     weak, _ = followed(controlled, 0.01)  # the parameter set is what the controller takes
     assert np.abs(weak["controller.motor.tau"]).max() == pytest.approx(0.01)
-    assert np.abs(weak["motor.phi"] - wanted)[late].max() > 0.5 * np.ptp(wanted)
+    assert np.abs(weak["motor_phi"] - wanted)[late].max() > 0.5 * np.ptp(wanted)
 
 
 _ECOS = """
