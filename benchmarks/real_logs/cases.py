@@ -270,6 +270,14 @@ def base(found):
     return machines.base_errors(calm.plant, truth, calm.columns(truth))
 
 
+def own_size(found):
+    """Size of what the condition itself does with nothing hidden: filters and errors of the reference, not spikes."""
+    calm, sound = replace(found, world=replace(found.world, outliers=0.0)), base(found)
+    truth = calm.truth([])
+    errors = machines.base_errors(calm.plant, truth, calm.columns(truth))
+    return max(errors[c] / sound[c] for c in sound)
+
+
 def _sized(found, name, size, rng, tries=6, steps=12):
     """An effect at a random place with the wanted size; where no place reaches it, the largest that was met."""
     calm = replace(found, world=replace(found.world, low_pass={}, reference_error={}, outliers=0.0))

@@ -59,7 +59,7 @@ def run(case, verb="improve", keep=None):
         except ValueError as error:
             return {**row, "skipped": str(error)}
         truth = json.loads((folder / "truth.json").read_text())
-        row |= {n: truth[n] for n in ("hidden", "coefficients", "sizes", "samples", "floor")}
+        row |= {n: truth[n] for n in ("hidden", "coefficients", "sizes", "samples", "floor", "own_size")}
         row |= call(verb, study, folder / "out")
         if case.condition == "mistake":
             row["findings"] += findings(study, folder / "check")

@@ -17,6 +17,8 @@ from benchmarks.real_logs import effects as laws
 from benchmarks.real_logs.mistakes import MISTAKES
 
 ALTERNATIVES = 3
+VISIBLE = 1.1
+"""Size below which a condition's own error of channel or reference need not be named."""
 # What no log of this rig can tell apart: the oracle would not either.
 SAME = [{("torque_offset", f"motor{i}"), ("direction_asymmetry", f"{i}A")} for i in (1, 2)] + [
     {("torque_offset", "motor1+motor2"), ("direction_asymmetry", "1A+2A")}] + [
@@ -96,6 +98,8 @@ def score(row):
     if outside and not steps:
         return "right" if row["verdict"] == "unexplained" else (
             "undecided" if row["verdict"] == "not_enough_excitation" else "missed")
+    if row.get("own_size", VISIBLE) < VISIBLE:
+        condition = []  # too small to be seen: nothing has to be said of it
     if all(any(fits(s, [h]) for s in steps) for h in hidden) and (steps or not condition):
         open_ends = row["final"] in ("unexplained", "not_enough_excitation")
         if steps and open_ends and not condition:
