@@ -431,24 +431,23 @@ class LinearAxis(GearedJoint):
 MACHINES = {"hip_knee": HipKnee, "geared_joint": GearedJoint, "linear_axis": LinearAxis}
 
 
-def simulate(plant, motion, hidden=(), temperature=None):
-    """Everything that is true while a machine does a motion.
+def bent(plant, motion, hidden, temperature):
+    """Segments of a machine on a motion, with the hidden friction effects in them.
 
     Parameters
     ----------
-    plant : HipKnee or GearedJoint
+    plant : HipKnee
     motion : Motion
     hidden : sequence of Effect
-    temperature : ndarray, optional
+    temperature : ndarray
         degC.
 
     Returns
     -------
-    Truth
+    dict of str to Segment
     """
-    q, (theta, omega, alpha) = plant.lay(motion)
-    temperature = np.full(len(motion.time), 25.0) if temperature is None else temperature
-    w, phi, a = (plant.relative(x) for x in (omega, theta, alpha))
+    q, angles = plant.lay(motion)
+    phi, w, a = (plant.relative(x) for x in angles)
     segments = {n: Segment(motion.time, w[n], a[n], phi[n], q[0], temperature,
                            np.full(len(motion.time), plant.f0[n]), plant.mu[n]) for n in plant.segments}
     for name, segment in segments.items():
@@ -458,8 +457,32 @@ def simulate(plant, motion, hidden=(), temperature=None):
             elif e.id == "friction_lag":
                 segment.s = segment.lagging(e.values["T"])
             laws.bend(segment, e)
-    C = plant.torques(q)
-    for e in hidden:  # what the load model does not know; the transmission carries it
+    return segments
+
+
+def simulate(plant, motion, hidden=(), temperature=None, C=None):
+    """Everything that is true while a machine does a motion.
+
+    Parameters
+    ----------
+    plant : HipKnee or GearedJoint
+    motion : Motion
+    hidden : sequence of Effect
+    temperature : ndarray, optional
+        degC.
+    C : ndarray, optional
+        Torques at the joints, instead of those of the load.
+
+    Returns
+    -------
+    Truth
+    """
+    given = C is not None
+    q, (theta, omega, alpha) = plant.lay(motion)
+    temperature = np.full(len(motion.time), 25.0) if temperature is None else temperature
+    segments = bent(plant, motion, hidden, temperature)
+    C = plant.torques(q) if C is None else np.array(C)
+    for e in () if given else hidden:  # what the load model does not know; the transmission carries it
         if e.id == "joint_spring":
             C[plant.joints.index(e.place)] += e.values["k"] * (q[0][plant.joints.index(e.place)] - e.values["q0"])
         elif e.id == "payload":

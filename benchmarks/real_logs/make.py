@@ -79,7 +79,8 @@ def make(case, folder, quick=False):
         "case": case.name, "hidden": [[e.id, e.place] for e in found.hidden],
         "coefficients": [e.values for e in found.hidden], "sizes": found.sizes,
         "machine": {"f0": found.plant.f0, "mu": found.plant.mu}, "world": vars(found.world) | {},
-        "floor": cases.base(found), "own_size": cases.own_size(found), "samples": len(log["time"])}, indent=1, default=float))
+        "floor": cases.base(found), "own_size": cases.own_size(found),
+        "samples": len(log["time"])}, indent=1, default=float))
     return study
 
 

@@ -2,6 +2,7 @@
 
     python -m benchmarks.real_logs.run --conditions digital,gait --seeds 4 --out rows.jsonl [--quick] [--list]
     python -m benchmarks.real_logs.run summary rows.jsonl [--table status.md]
+    python -m benchmarks.real_logs.run oracle rows.jsonl      adds what nobody could tell apart to the rows
 
 Each condition has `--seeds` logs with nothing hidden and `--hidden` times as many with effects; rows that the output
 file already holds are not run again. `--conditions all` is every condition, `measured` the studies of `examples` on
@@ -22,16 +23,18 @@ import tempfile
 import time
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from benchmarks.real_logs import cases
 from benchmarks.real_logs.make import ROOT, make
-from benchmarks.real_logs.score import score
+from benchmarks.real_logs.score import fits, names, score, wrong_alternatives
 
 LIMIT_SECONDS, LIMIT_BYTES = 300.0, 4 << 30
 PROGRAM = ["pycosim.cli"]
 """Module that is run; `--bare` leaves its drawings out."""
+SPECIAL = ("measured", "scenario")
 MEASURED = ("screw_drives/drive1", "screw_drives/drive2", "servo_pendulum/study", "emps/study", "double_pendulum/study")
 
 
@@ -227,8 +230,9 @@ def summary(rows):
         Lines of Markdown.
     """
     rows = [r for r in rows if "skipped" not in r]
-    yield "| condition | logs | right | undecided | missed | wrong | blocked | failed | seconds (median, most) | MiB |"
-    yield "|---|---|---|---|---|---|---|---|---|---|"
+    yield ("| condition | logs | right | undecided | missed | wrong | wrong alternatives | blocked | failed | "
+           "seconds (median, most) | MiB |")
+    yield "|---|---|---|---|---|---|---|---|---|---|---|"
     groups = defaultdict(list)
     for r in (r for r in rows if r["condition"] != "measured"):
         groups[r["condition"], "nothing hidden" if not r["hidden"] else "hidden"].append(r)
@@ -236,6 +240,7 @@ def summary(rows):
         some = [{**r, "score": score(r)} for r in some]
         count = [sum(r["score"] in s for r in some) for s in (
             ("right",), ("undecided",), ("missed",), ("wrong", "misnamed"), ("blocked",), ("failed",))]
+        count.insert(4, sum(bool(wrong_alternatives(r)) for r in some))
         seconds = sorted(r["seconds"] for r in some)
         yield (f"| {condition}, {kind} | {len(some)} | {' | '.join(map(str, count))} | "
                f"{seconds[len(seconds) // 2]:.0f}, {seconds[-1]:.0f} | {max(r['peak_mib'] for r in some)} |")
@@ -244,6 +249,22 @@ def summary(rows):
         judged = score(r) if r["condition"] != "measured" else "measured"
         if judged != "right":
             yield f"- {judged}: `{r['case']}` {told(r)}"
+
+
+def _asked(row):
+    """A row with the oracle's answer to each effect in it that is neither hidden nor the condition's name."""
+    from benchmarks.real_logs import oracle
+    if len(row["hidden"]) > 1 or not row.get("steps") or row["condition"] in ("mistake", "poor", *SPECIAL):
+        return row
+    hidden, condition = names(row)
+    gaps = row.setdefault("gaps", {})
+    for step in row["steps"]:
+        for name in (tuple(step["added"]), *map(tuple, step["twins"])):
+            key = "@".join(name)
+            if key not in gaps and not fits({"added": name, "twins": []}, [*hidden, *condition]):
+                case = replace(cases.parse(row["case"]), quick=row["quick"])
+                gaps[key] = oracle.gap(case, name, {n: v[0] for n, v in step["coefficients"].items()})
+    return row
 
 
 def told(row):
@@ -277,6 +298,11 @@ def main():
     parser.add_argument("--table", type=Path)
     parser.add_argument("--out", type=Path, default=Path("real_logs.jsonl"))
     args = parser.parse_args()
+    if args.action and args.action[0] == "oracle":
+        for path in map(Path, args.action[1:]):
+            rows = [_asked(json.loads(line)) for line in path.read_text().splitlines()]
+            path.write_text("".join(json.dumps(r) + "\n" for r in rows))
+        return
     if args.action:
         rows = [json.loads(line) for path in args.action[1:] for line in Path(path).read_text().splitlines()]
         lines = "\n".join(summary(rows))
@@ -286,8 +312,7 @@ def main():
         return
     PROGRAM[0] = "benchmarks.real_logs.bare" if args.bare else PROGRAM[0]
     wanted = list(cases.CONDITIONS) if args.conditions == "all" else args.conditions.split(",")
-    special = ("measured", "scenario")
-    planned = cases.listed([c for c in wanted if c not in special], args.seeds, args.first, args.hidden, args.quick)
+    planned = cases.listed([c for c in wanted if c not in SPECIAL], args.seeds, args.first, args.hidden, args.quick)
     if args.list:
         print("\n".join(c.name for c in planned))
         return

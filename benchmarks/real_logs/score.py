@@ -17,6 +17,8 @@ from benchmarks.real_logs import effects as laws
 from benchmarks.real_logs.mistakes import MISTAKES
 
 ALTERNATIVES = 3
+SEPARABLE = 5.4
+"""Twice the log-likelihood on unseen data from which on two effects are told apart."""
 VISIBLE = 1.1
 """Size below which a condition's own error of channel or reference need not be named."""
 # What no log of this rig can tell apart: the oracle would not either.
@@ -68,6 +70,29 @@ def fits(step, wanted):
     return any(same(t, w) or (w[1] == "*" and t[0] == w[0]) for t in told for w in wanted)
 
 
+def tied(row, step):
+    """Whether the oracle (`row["gaps"]`, where it was asked) cannot tell what a step names first from the truth."""
+    value = row.get("gaps", {}).get("@".join(step["added"]))
+    return value is not None and value <= SEPARABLE
+
+
+def wrong_alternatives(row):
+    """Alternatives that were named and that the oracle tells from the truth.
+
+    Parameters
+    ----------
+    row : dict
+
+    Returns
+    -------
+    list of str
+    """
+    hidden, condition = names(row)
+    told = {"@".join(t) for s in row["steps"] for t in s["twins"]
+            if not fits({"added": t, "twins": []}, [*hidden, *condition])}
+    return sorted(t for t in told if (row.get("gaps", {}).get(t) or 0) > SEPARABLE)
+
+
 def score(row):
     """Judge a row.
 
@@ -92,7 +117,7 @@ def score(row):
     steps = row["steps"]
     if row["blocked"]:
         return "blocked"
-    if any(not fits(s, [*hidden, *condition]) for s in steps):
+    if any(not fits(s, [*hidden, *condition]) and not tied(row, s) for s in steps):
         return "wrong"
     outside = [h for h in row["hidden"] if h[0] in laws.OUTSIDE]
     if outside and not steps:
@@ -100,7 +125,7 @@ def score(row):
             "undecided" if row["verdict"] == "not_enough_excitation" else "missed")
     if row.get("own_size", VISIBLE) < VISIBLE:
         condition = []  # too small to be seen: nothing has to be said of it
-    if all(any(fits(s, [h]) for s in steps) for h in hidden) and (steps or not condition):
+    if all(any(fits(s, [h]) or tied(row, s) for s in steps) for h in hidden) and (steps or not condition):
         open_ends = row["final"] in ("unexplained", "not_enough_excitation")
         if steps and open_ends and not condition:
             return "right"  # the hidden ones are found; what is said of the rest is counted by itself
