@@ -3,7 +3,7 @@
 Nothing here trusts a label. Several runs are handled at once: their arrays are concatenated, and ``run`` (n,) numbers
 them; time needs to increase within a run only.
 
-    moving samples -> passes (one way along a line) -> blocks (out and back) -> test part, folds
+    moving samples -> passes (one way along a line) -> blocks (out and back, or stretches) -> test part, folds
                                                     -> pairs (out and back through one configuration)
 """
 
@@ -25,6 +25,8 @@ _LEVEL = 0.15  # relative difference of two commanded levels
 _SHORTEST = 5  # samples of a pass that can be one half of a block
 _SHORT = 0.25  # of the tolerance: a shorter way is no pass of its own
 _OPPOSITE = -0.9  # cosine between the directions of out and back
+_MOSTLY = 0.5  # share of the motion that goes out and back in a run that is cut by that
+_STRETCHES = 20  # blocks of any other run: five folds of some, and a test part
 
 
 # --- moving ---------------------------------------------------------------------------------------------------------
@@ -243,6 +245,9 @@ def _opposite(a, b, tolerance):
 class Blocks:
     """Stretches of runs that are fitted or held out as a whole: out and back over one line, with the reversal.
 
+    Of a run that does not mostly go out and back, stretches of about equal motion, from one reversal or rest to another;
+    no two of them repeat each other.
+
     Attributes
     ----------
     index : ndarray of int, shape (n,)
@@ -254,6 +259,8 @@ class Blocks:
         motion.
     t0, t1 : ndarray, shape (b,)
         First and last time [s].
+    straight : bool
+        Whether every run mostly goes out and back.
     """
 
     index: np.ndarray
@@ -263,6 +270,7 @@ class Blocks:
     repeat: np.ndarray
     t0: np.ndarray
     t1: np.ndarray
+    straight: bool = True
 
     def __len__(self):
         return len(self.run)
@@ -298,7 +306,7 @@ class Blocks:
 
 
 def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
-    """Cut runs into out-and-back blocks.
+    """Cut runs into out-and-back blocks, or into stretches where most of the motion is another.
 
     Parameters
     ----------
@@ -317,25 +325,33 @@ def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
     Returns
     -------
     Blocks
-        In order of time; every sample is in exactly one. Passes without a way back belong to the nearest block; a run
-        without any out-and-back is one block.
+        In order of time; every sample is in exactly one. Passes without a way back belong to the nearest block. A run
+        of which less than half goes out and back is cut into some twenty stretches at reversals and rests, never
+        inside a pass; a run of one pass is one block.
     """
     time, config, pass_id = np.asarray(time), np.atleast_2d(config), np.asarray(pass_id)
     run = np.zeros(time.size, dtype=int) if run is None else np.asarray(run)
     tolerance = 0.02 * _extent(config) if tolerance is None else tolerance
     known = list(_summaries(config, pass_id, run).values())
-    index, couples = np.empty(time.size, dtype=int), []
+    index, members, heads, free = np.empty(time.size, dtype=int), [], [], []
     for a, b in _stretches(run):
         mine = [p for p in known if a <= p.first < b]
         found = _couples(mine, tolerance)
-        cuts = [_cut(mine, p, q, time) for (_, p), (q, _) in zip(found, found[1:])]
-        index[a:b] = len(couples) + np.searchsorted(cuts, time[a:b], side="right")
-        couples += found or [[max(mine, key=lambda p: p.length)] if mine else []]
+        straight = sum(p.count for couple in found for p in couple) >= _MOSTLY * sum(p.count for p in mine)
+        if not straight:
+            found = _groups(mine, time, np.atleast_2d(speeds))
+        cuts = [_cut(mine, p[-1], q[0], time) for p, q in zip(found, found[1:])]
+        index[a:b] = len(members) + np.searchsorted(cuts, time[a:b], side="right")
+        found = found or [[max(mine, key=lambda p: p.length)] if mine else []]
+        members += found
+        heads += [group[0] if straight and group else None for group in found]
+        free += [not straight] * len(found)
     bounds = _stretches(index)
-    speed = _speed_keys(np.array([_level(speeds, pass_id, couple) for couple in couples]))
-    line = _line_keys([couple[0] if couple else None for couple in couples], tolerance)
+    speed = _speed_keys(np.array([_level(speeds, pass_id, group) for group in members]))
+    line, free = _line_keys(heads, tolerance), np.array(free, dtype=bool)
+    line[free] = line.max() + 1 + np.arange(free.sum())  # each its own: ordinary motion repeats nothing exactly
     first, last = bounds[:, 0], bounds[:, 1] - 1
-    return Blocks(index, run[first], line, speed, _repeats(line, speed), time[first], time[last])
+    return Blocks(index, run[first], line, speed, _repeats(line, speed), time[first], time[last], not free.any())
 
 
 def _couples(mine, tolerance):
@@ -348,6 +364,20 @@ def _couples(mine, tolerance):
             found.append([able[k], able[k + 1]])
         k += 2 if both else 1
     return found
+
+
+def _groups(mine, time, speeds):
+    """Passes in order, in groups of about equal motion; where a speed merely changes its level, none ends."""
+    pause = np.array([time[q.first] - time[p.last] for p, q in zip(mine, mine[1:])])
+    same = np.array([np.array_equal(np.sign(speeds[:, p.last]), np.sign(speeds[:, q.first]))
+                     for p, q in zip(mine, mine[1:])], dtype=bool)
+    able = np.flatnonzero(~same | (pause > _FLICKER))
+    done = np.cumsum([p.count for p in mine])
+    wanted = done[-1] * np.arange(1, _STRETCHES) / _STRETCHES
+    ends = sorted({int(able[np.argmin(np.abs(done[able] - w))]) for w in wanted}) if able.size else []
+    edges = [0, *(k + 1 for k in ends), len(mine)]
+    groups = [mine[a:b] for a, b in zip(edges, edges[1:])]
+    return [g for g in groups if sum(p.count for p in g) >= _SHORTEST] or [mine]
 
 
 def _alike(a, b, tolerance):
