@@ -44,6 +44,10 @@ class Dataset:
     measured : dict of str to ndarray, shape (n,)
         Everything measured, by model variable.
     moving : ndarray of bool, shape (n,)
+    speed_unit : str
+        Of the segments' speeds.
+    w_min : float
+        Speed above which a segment moves, of the segment where that is highest.
     block : ndarray of int, shape (n,)
         Block of each sample.
     is_test : ndarray of bool, shape (blocks,)
@@ -417,10 +421,12 @@ class Dataset:
     def _segment(self):
         parameters = {n: v.value for n, v in self.base.parameters.items()}
         names = [f"{c}.w" for c in self.base.segments]
+        self.speed_unit = self.base.variables[names[0]].unit if names else "rad/s"
         states = np.zeros((len(self.question.states), len(self.time)))
         self.speeds = np.array(list(self.segment_signals(self.base, parameters, names, states).values()))
-        self.w_min = self.study.w_min or segmentation.default_w_min(self.speeds)
-        moving = segmentation.moving(self.speeds, self.w_min)
+        least = self.study.w_min or segmentation.default_w_min(self.speeds)
+        self.w_min = float(np.max(least))
+        moving = segmentation.moving(self.speeds, least)
         angles = [self.measured[k] for k in self.known if k.endswith("phi") and k in self.measured]
         self.config = np.array(angles) if angles else np.cumsum(self.speeds[:1], axis=1)
         self.averaged = self.study.average == "file"
@@ -430,14 +436,14 @@ class Dataset:
         self.passes = np.where(self.moving, self.passes, -1)
         if not self.moving.any():
             raise DataError(f"{self.logs[0].path}: nothing moves: no sample has every segment faster than w_min = "
-                            f"{self.w_min:.3g} rad/s; record motion, or lower w_min in the study")
+                            f"{self.w_min:.3g} {self.speed_unit}; record motion, or lower w_min in the study")
         self.blocks = segmentation.blocks(self.time, self.config, self.passes, self.speeds, self.run)
         self.block = self.blocks.index
 
     def _trim(self, moving, angles):
         """Leave out the ends of a pass that smoothing makes look like motion: less than two encoder steps from rest."""
         moving = moving.copy()
-        least = {(run, k): 1.5 * resolution(angle[self.run == run]) + 1e-9
+        least = {(run, k): 1.5 * resolution(angle[self.run == run]) + 1e-9 * np.ptp(angle)
                  for run in np.unique(self.run) for k, angle in enumerate(angles)}
         for pass_number in np.unique(self.passes[self.passes >= 0]):
             inside = np.flatnonzero(self.passes == pass_number)
@@ -456,6 +462,28 @@ class Dataset:
         runs, of_run = np.unique(fitted.run, return_inverse=True)
         # a log's blocks share its conditions: with enough logs, a fold is left out log by log
         self.fold[~self.is_test] = of_run % FOLDS if len(runs) >= 4 else segmentation.folds(fitted, FOLDS)
+
+    def shortcomings(self):
+        """What a log that is too poor for some questions can still answer.
+
+        Returns
+        -------
+        list of str
+            One sentence each; empty for a log that can be fitted, selected on and tested.
+        """
+        fitted, found = int(np.count_nonzero(~self.is_test)), []
+        if fitted < 2:
+            found.append("One block is left to fit: its parameters can be found, but no effect can be shown on data "
+                         "that it was not fitted to; record more passes or a longer run.")
+        elif not self.is_test.any():
+            found.append("Nothing is held out: effects are chosen by cross-validation alone, and no error on data "
+                         "never seen is told.")
+        signs = {name: np.unique(np.sign(w[self.moving])) for name, w in zip(self.base.segments, self.speeds)}
+        one_way = [name for name, s in signs.items() if len(s) == 1]
+        if one_way:
+            found.append(f"{', '.join(one_way)} {'moves' if len(one_way) == 1 else 'move'} one way only: friction "
+                         "cannot be told from an offset of the torque there; record the way back too.")
+        return found
 
     def held_out_ranges(self):
         """Held-out part as ``[file, t0, t1]`` entries.

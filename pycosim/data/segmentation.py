@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 
 from ..core.errors import DataError
 
-W_MIN = 0.02
-"""Least speed [rad/s] that can count as moving."""
+SLOW = 0.02
+"""Share of a segment's typical speed below which it is not moving: there, samples tell of the reversal alone."""
 _GAP = 10.0  # sample intervals without a sample that break a pass
 _FLICKER = 0.05  # s below w_min that do not break a pass: noise at its slow ends
 _PLATEAU = 0.25  # s of constant speed that make a commanded level
@@ -49,6 +49,23 @@ def _smooth(values, width):
     return (total[..., high] - total[..., low]) / (high - low)
 
 
+def typical(speeds):
+    """Mean speed along the way travelled: rest adds nothing to it, however long.
+
+    Parameters
+    ----------
+    speeds : ndarray, shape (m, n)
+        [rad/s, or m/s of what slides]
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        In the same units.
+    """
+    size = np.abs(np.atleast_2d(np.nan_to_num(speeds)))
+    return (size**2).mean(axis=1) / np.maximum(size.mean(axis=1), 1e-300)
+
+
 def standstill(speeds):
     """Samples at rest: the longest stretches in which every speed averages to nearly nothing.
 
@@ -63,9 +80,10 @@ def standstill(speeds):
         The inner part of each stretch; all False where nothing rests.
     """
     speeds = np.atleast_2d(np.asarray(speeds, dtype=float))
+    little = SLOW * typical(speeds)[:, None]
     # an average tells slow travel from noise about zero, which the size of single speeds cannot; the longer the surer
     for width in (51, 25, 11, 5):
-        quiet = np.all(np.abs(_smooth(speeds, width)) < W_MIN, axis=0)
+        quiet = np.all(np.abs(_smooth(speeds, width)) <= little, axis=0)
         found = [(a, b) for a, b in _stretches(quiet) if quiet[a] and b - a >= 2 * width]
         if sum(b - a for a, b in found) > 0.01 * quiet.size:
             break
@@ -78,29 +96,37 @@ def standstill(speeds):
     return rest
 
 
-def default_w_min(speeds, rest_mask=None):
-    """Speed above which a sample is moving: the larger of 0.02 rad/s and 5 standard deviations at standstill.
+def default_w_min(speeds, rest_mask=None, noise=0.0):
+    """Speed above which a segment is moving: the larger of 2 % of its typical speed and 5 standard deviations of noise.
 
     Parameters
     ----------
     speeds : ndarray, shape (m, n)
-        [rad/s]
+        [rad/s, or m/s of what slides]
     rest_mask : ndarray of bool, shape (n,), optional
         Samples at rest; found from the speeds by `standstill` if not given. Labels do not belong here.
+    noise : float or ndarray, shape (m,)
+        Standard deviation that the speeds are known to have, where nothing rests or the speeds are derived.
 
     Returns
     -------
-    float
-        [rad/s]
+    ndarray, shape (m,)
+        In the units of the speeds. Twice as fast a motion, or the same one in other units, gives as much more.
     """
     speeds = np.atleast_2d(np.asarray(speeds, dtype=float))
     rest = standstill(speeds) if rest_mask is None else np.asarray(rest_mask, dtype=bool)
     # about each stretch's own mean: creep is not noise
     parts = [speeds[:, a:b] - speeds[:, a:b].mean(axis=1, keepdims=True)
              for a, b in _stretches(rest) if rest[a] and b - a > 1]
-    if not parts:
-        return W_MIN
-    return float(max(W_MIN, 5.0 * np.concatenate(parts, axis=1).std(axis=1).max()))
+    sigma = np.concatenate(parts, axis=1).std(axis=1) if parts else _scatter(speeds)
+    return np.maximum(SLOW * typical(speeds), 5.0 * np.maximum(sigma, noise))
+
+
+def _scatter(speeds):
+    """Standard deviation of what changes from sample to sample."""
+    if speeds.shape[1] < 8:
+        return np.zeros(len(speeds))
+    return 1.4826 * np.median(np.abs(np.diff(speeds, 3, axis=1)), axis=1) / np.sqrt(20.0)
 
 
 def moving(speeds, w_min):
@@ -109,15 +135,23 @@ def moving(speeds, w_min):
     Parameters
     ----------
     speeds : ndarray, shape (m, n)
-        [rad/s]
-    w_min : float
-        [rad/s]
+        [rad/s, or m/s of what slides]
+    w_min : float or ndarray, shape (m,)
+        In the same units.
 
     Returns
     -------
     ndarray of bool, shape (n,)
+        False also on both sides of a reversal that fell between two samples: torque and speed are never of quite the
+        same instant, and there that decides about the sign of the friction.
     """
-    return np.all(np.abs(np.atleast_2d(speeds)) > w_min, axis=0)
+    speeds = np.atleast_2d(speeds)
+    fast = np.abs(speeds) > np.reshape(w_min, (-1, 1))
+    found = np.all(fast, axis=0)
+    turned = np.any(fast[:, 1:] & fast[:, :-1] & (np.diff(np.sign(speeds), axis=1) != 0), axis=0)
+    found[1:] &= ~turned
+    found[:-1] &= ~turned
+    return found
 
 
 # --- passes ---------------------------------------------------------------------------------------------------------
@@ -245,8 +279,8 @@ def _opposite(a, b, tolerance):
 class Blocks:
     """Stretches of runs that are fitted or held out as a whole: out and back over one line, with the reversal.
 
-    Of a run that does not mostly go out and back, stretches of about equal motion, from one reversal or rest to another;
-    no two of them repeat each other.
+    Of a run that does not mostly go out and back, stretches of about equal motion, from one reversal or rest to
+    another; no two of them repeat each other.
 
     Attributes
     ----------
@@ -337,9 +371,10 @@ def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
     for a, b in _stretches(run):
         mine = [p for p in known if a <= p.first < b]
         found = _couples(mine, tolerance)
-        straight = sum(p.count for couple in found for p in couple) >= _MOSTLY * sum(p.count for p in mine)
+        ends = _ends(mine, time, np.atleast_2d(speeds))
+        straight = len(mine) < 2 or _out_and_back(mine, found, ends) >= _MOSTLY
         if not straight:
-            found = _groups(mine, time, np.atleast_2d(speeds))
+            found = _groups(mine, ends)
         cuts = [_cut(mine, p[-1], q[0], time) for p, q in zip(found, found[1:])]
         index[a:b] = len(members) + np.searchsorted(cuts, time[a:b], side="right")
         found = found or [[max(mine, key=lambda p: p.length)] if mine else []]
@@ -366,12 +401,23 @@ def _couples(mine, tolerance):
     return found
 
 
-def _groups(mine, time, speeds):
-    """Passes in order, in groups of about equal motion; where a speed merely changes its level, none ends."""
-    pause = np.array([time[q.first] - time[p.last] for p, q in zip(mine, mine[1:])])
-    same = np.array([np.array_equal(np.sign(speeds[:, p.last]), np.sign(speeds[:, q.first]))
-                     for p, q in zip(mine, mine[1:])], dtype=bool)
-    able = np.flatnonzero(~same | (pause > _FLICKER))
+def _ends(mine, time, speeds):
+    """Numbers of the passes that end in a reversal or a rest, not in another level of the speed."""
+    return np.array([k for k, (p, q) in enumerate(zip(mine, mine[1:])) if time[q.first] - time[p.last] > _FLICKER
+                     or not np.array_equal(np.sign(speeds[:, p.last]), np.sign(speeds[:, q.first]))], dtype=int)
+
+
+def _out_and_back(mine, couples, ends):
+    """Share of the motion on ways of which some part goes out and back."""
+    count = np.array([p.count for p in mine])
+    way = np.searchsorted(ends, np.arange(len(mine)))
+    there = {id(p) for couple in couples for p in couple}
+    ways = np.unique(way[[id(p) in there for p in mine]])
+    return count[np.isin(way, ways)].sum() / count.sum()
+
+
+def _groups(mine, able):
+    """Passes in order, in groups of about equal motion that end where one can."""
     done = np.cumsum([p.count for p in mine])
     wanted = done[-1] * np.arange(1, _STRETCHES) / _STRETCHES
     ends = sorted({int(able[np.argmin(np.abs(done[able] - w))]) for w in wanted}) if able.size else []

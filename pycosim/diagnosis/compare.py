@@ -45,7 +45,7 @@ def unit_of(dataset, name):
     kind, _, place = name.partition("@")
     flat = dataset.base.variables
     component = next((c for c, p in dataset.base.segments.items() if p == place), None)
-    if kind in ("speed", "acceleration", "load"):
+    if component is not None and kind in ("speed", "acceleration", "load"):  # a column may have such a name too
         unit = flat[f"{component}.{'L' if kind == 'load' else 'w'}"].unit
         return unit + "/s" if kind == "acceleration" else unit
     if kind in ("time", "time_since_reversal"):
@@ -159,7 +159,7 @@ def compare(dataset, model, fit, part="all"):
                       **joint_errors(dataset, model, fit, part)},
             "by": by, "units": {name: unit_of(dataset, name) for name in variables},
             "samples": {"used": int(problem.n), "moving": int(dataset.moving.sum()), "all": int(len(dataset.time)),
-                        "w_min": float(dataset.w_min), "unit_w_min": "rad/s",
+                        "w_min": float(dataset.w_min), "unit_w_min": dataset.speed_unit,
                         "left_out_rows": {log.name: log.dropped for log in dataset.logs if log.dropped}}}
 
 

@@ -381,7 +381,8 @@ def _names(axes, dataset, window):
 def where_it_fails(dataset, model, fit, floor=None):
     """Error by manoeuvre, by branch of every segment (direct: power flows to the joint; reverse: back), and by run.
 
-    Runs have the numbers of their order in the study. A log that has none of these is split by the sign of the speed.
+    Runs have the numbers of their order in the study. A log that has none of these is split by the sign of the speed,
+    and stands as a whole where that has one sign.
     Dotted: the noise floor of each channel.
 
     Parameters
@@ -399,6 +400,7 @@ def where_it_fails(dataset, model, fit, floor=None):
     residual, index = residual_of(dataset, model, fit)
     floor = _floor(dataset, model, fit) if floor is None else floor
     panels = [(name, values) for name, values in _splits(dataset, model, fit, residual, index) if len(values) > 1]
+    panels = panels or [("Log", _rmse(residual, np.full(len(index), "whole")))]
     widths = [max(3, len(values)) for _, values in panels]
     wide = PAGE if sum(widths) > 6 else COLUMN
     figure = Figure(figsize=(wide, 2.1))

@@ -98,9 +98,10 @@ def summary_data(dataset):
     moving, held = int(dataset.moving.sum()), int(dataset.is_test.sum())
     runs = f"{len(dataset.logs)} {'run' if len(dataset.logs) == 1 else 'runs'}"
     samples = "the mean of each is a sample" if dataset.averaged else f"{len(dataset.time)} samples"
-    blocks = "means" if dataset.averaged else "passes out and back"
+    blocks = "means" if dataset.averaged else "passes out and back" if dataset.blocks.straight else "stretches"
     lines = [f"{dataset.study.rig}: {runs}, {samples}, {moving} of them moving "
-             f"(every segment above {number(dataset.w_min)} rad/s); {held} of {len(dataset.blocks)} {blocks} held out."]
+             f"(every segment above {number(dataset.w_min)} {dataset.speed_unit}); {held} of {len(dataset.blocks)} "
+             f"{blocks} held out."]
     for log in dataset.logs:
         if "means_of" in log.meta:
             lines.append(f"{log.name}: {log.meta['file_rows']:,} rows, read as means of {log.meta['means_of']}.")
@@ -109,7 +110,7 @@ def summary_data(dataset):
             lines.append(f"{log.name}: {rows} {'row' if rows == 1 else 'rows'} left out.")
     if dataset.paired:
         lines.append("No torque reference: errors are half the difference between a pass out and its way back.")
-    return lines
+    return lines + dataset.shortcomings()
 
 
 def summary_doubt(dataset, fit):

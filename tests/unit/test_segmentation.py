@@ -66,10 +66,41 @@ def names(motion, mask):
 # --- moving ---------------------------------------------------------------------------------------------------------
 
 
+def usual(speeds):
+    """Two per cent of the mean speed along the way."""
+    return 0.02 * np.sum(speeds**2, axis=1) / np.sum(np.abs(speeds), axis=1)
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.003, 0.01, 0.03])
-def test_w_min_is_five_deviations_of_the_speed_at_standstill(noise):
+def test_w_min_is_five_deviations_of_the_speed_at_standstill_or_a_share_of_the_speed(noise):
     motion = manoeuvres(noise=noise)
-    assert seg.default_w_min(motion.speeds) == pytest.approx(max(0.02, 5 * noise), rel=0.1)
+    spread = 5 * noise * np.array([1, 1, 0.5**0.5, 0.5**0.5])
+    expected = np.maximum(usual(motion.true_speeds), spread)
+    np.testing.assert_allclose(seg.default_w_min(motion.speeds), expected, rtol=0.1)
+
+
+def test_the_least_speed_of_ordinary_motions_of_a_leg_is_about_what_it_was_fixed_at_once():
+    assert seg.default_w_min(manoeuvres(noise=0.0).speeds).max() == pytest.approx(0.02, rel=0.15)
+
+
+@pytest.mark.parametrize("factor", [1 / 15.125, 100.0, 1e-4])
+def test_a_motion_in_other_units_has_the_same_moving_samples_passes_blocks_and_pairs(factor):
+    motion = manoeuvres(noise=0.003)
+    mask, ids, blocks = cut(motion)
+    other = Motion(motion.time, motion.theta * factor, motion.speeds * factor, motion.label)
+    same, same_ids, same_blocks = cut(other)
+    np.testing.assert_array_equal(mask, same)
+    np.testing.assert_array_equal(ids, same_ids)
+    for name in ("index", "line", "repeat"):
+        np.testing.assert_array_equal(getattr(blocks, name), getattr(same_blocks, name))
+    np.testing.assert_array_equal(seg.pairs(motion.theta, ids).i, seg.pairs(other.theta, ids).i)
+
+
+def test_each_segment_has_a_least_speed_of_its_own_scale():
+    speeds = manoeuvres(noise=0.0).speeds
+    mixed = speeds * np.array([[1.0], [100.0], [1e-3], [1.0]])
+    np.testing.assert_array_equal(seg.moving(mixed, seg.default_w_min(mixed)),
+                                  seg.moving(speeds, seg.default_w_min(speeds)))
 
 
 def test_standstill_is_found_without_labels_and_holds_no_motion():
@@ -78,9 +109,17 @@ def test_standstill_is_found_without_labels_and_holds_no_motion():
     assert rest.mean() > 0.005 and set(motion.label[rest]) == {"rest"}
 
 
-def test_a_log_without_standstill_gets_the_least_w_min():
-    time = np.arange(0, 10, STEP)
-    assert seg.default_w_min(np.array([1 + 0.1 * np.sin(time)])) == seg.W_MIN
+def test_a_log_without_standstill_gets_a_share_of_its_speed():
+    speeds = np.array([1 + 0.1 * np.sin(np.arange(0, 10, STEP))])
+    assert seg.default_w_min(speeds) == pytest.approx(usual(speeds), rel=1e-6)
+    noisy = speeds + 0.02 * np.random.default_rng(0).standard_normal(speeds.shape)
+    assert seg.default_w_min(noisy) == pytest.approx(0.1, rel=0.2)  # five deviations of what is not motion
+    assert seg.default_w_min(speeds, noise=0.03) == pytest.approx(0.15)
+
+
+def test_both_sides_of_a_reversal_between_two_samples_are_left_out():
+    speeds = np.array([[1.0, 0.5, 0.1, -0.3, -0.7, 0.0, 0.7]])
+    np.testing.assert_array_equal(seg.moving(speeds, 0.02), [True, True, False, False, True, False, True])
 
 
 def test_moving_means_that_every_segment_moves():
@@ -178,13 +217,52 @@ def test_a_staircase_of_speeds_is_one_block():
     assert ids.max() + 1 == 4 and len(blocks) == 1
 
 
-def test_a_run_without_out_and_back_is_one_block():
+def test_a_run_of_one_pass_is_one_block():
     motion = manoeuvres(repeats=1, speeds=(1.6,), lines="A")
     keep = motion.time < 2.5
     motion = Motion(motion.time[keep], motion.theta[:, keep], motion.speeds[:, keep], motion.label[keep])
     assert len(cut(motion)[2]) == 1
     still = seg.blocks(np.arange(5.0), np.zeros((2, 5)), np.full(5, -1), np.zeros((4, 5)))
     assert len(still) == 1 and still.speed[0] == 0
+
+
+def gait(duration=60.0, noise=0.003, seed=0):
+    """Two joints in ordinary motion: three harmonics, nothing repeats quite, no straight line."""
+    time, rng = np.arange(0, duration, STEP), np.random.default_rng(seed)
+    phase = 2 * np.pi * (0.3 * time + 0.02 * np.sin(0.2 * time))
+    theta = np.array([sum(a * np.sin(k * phase + rng.uniform(0, 6)) for k, a in ((1, 3.0), (2, 1.3), (3, 0.5)))
+                      for _ in range(2)])
+    omega = np.gradient(theta, STEP, axis=1) + noise * rng.standard_normal(theta.shape)
+    return Motion(time, theta, segments(omega), np.empty(0))
+
+
+def test_ordinary_motion_is_cut_into_some_twenty_stretches_between_passes():
+    motion = gait()
+    _, ids, blocks = cut(motion)
+    assert 15 <= len(blocks) <= 20 and not blocks.straight
+    assert all(len(np.unique(blocks.index[ids == k])) == 1 for k in range(ids.max() + 1)), "cut inside a pass"
+    share = np.bincount(blocks.index[ids >= 0]) / np.sum(ids >= 0)
+    assert share.max() < 0.12
+    test = seg.split(blocks, 1)
+    np.testing.assert_array_equal(np.flatnonzero(test), np.arange(3, len(blocks), 4))
+    assert set(seg.folds(blocks.take(~test))) == {0, 1, 2, 3, 4}
+    assert cut(manoeuvres())[2].straight
+
+
+def test_a_short_log_of_ordinary_motion_still_has_ten_blocks():
+    assert len(cut(gait(duration=8.0))[2]) >= 10
+
+
+def test_a_run_of_ordinary_motion_beside_one_of_passes_leaves_those_blocks_as_they_are():
+    straight, other = manoeuvres(), gait()
+    run = np.repeat([0, 1], [straight.time.size, other.time.size])
+    time, theta, speeds = (np.concatenate([a, b], axis=-1) for a, b in zip(
+        (straight.time, straight.theta, straight.speeds), (other.time, other.theta, other.speeds)))
+    ids = seg.passes(time, speeds, seg.moving(speeds, 0.02), run)
+    blocks = seg.blocks(time, theta, ids, speeds, run)
+    assert np.sum(blocks.run == 0) == 12 and np.sum(blocks.run == 1) >= 10
+    np.testing.assert_array_equal(blocks.line[:12], [0, 1, 2] * 4)
+    assert np.all(blocks.repeat[12:] == 0)
 
 
 def test_blocks_never_cross_runs_and_lines_are_the_same_in_all():
