@@ -190,7 +190,9 @@ def compiler(target, cross=False):
         if found.returncode == 0:
             return [own], found.stdout
     if importlib.util.find_spec("ziglang") is None:
-        raise ExportError("no C compiler: 'pip install ziglang' brings one")
+        why = f"to build for {target.name}" if cross or target != host() else "there is no C compiler here"
+        raise ExportError(f"{why}: an FMU's library needs one more package, 400 MB; type 'pip install ziglang' and "
+                          "export again")
     from importlib.metadata import version
     return [sys.executable, "-m", "ziglang", "cc", "-target", target.target], version("ziglang")
 

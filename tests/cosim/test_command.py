@@ -92,14 +92,14 @@ def test_ctrl_c_leaves_a_complete_log_a_checkpoint_and_130(here):
 
 CHILD = """\
 import sys
-from pycosim import cosimulate
-from pycosim.cli import main
-advance, said = cosimulate._Master._advance, []
+from pycosim.cli.entry import main
+from pycosim.cosim import master
+advance, said = master._Master._advance, []
 def tell(self):
     advance(self)
     if self.tick > 200 and not said:
         said.append(print("running", flush=True))
-cosimulate._Master._advance = tell
+master._Master._advance = tell
 sys.exit(main())
 """
 

@@ -127,8 +127,17 @@ def test_units_are_taken_apart(unit, powers):
 def test_without_any_compiler_one_sentence_says_so(monkeypatch):
     monkeypatch.setattr(build.shutil, "which", lambda name: None)
     monkeypatch.setattr(build.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ExportError, match="pip install ziglang"):
+    with pytest.raises(ExportError, match="no C compiler here.*type 'pip install ziglang'"):
         build.compiler(build.host())
+
+
+def test_another_platform_without_its_compiler_is_told_what_to_type(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(build.importlib.util, "find_spec", lambda name: None)
+    (tmp_path / "arm.toml").write_text('[rig]\nmodel = "DriveTrain.Rigs.ScrewDrive"\n')
+    assert main(["export", "arm.toml", "--platforms", "all"]) == 2
+    said = capsys.readouterr().err
+    assert "type 'pip install ziglang'" in said and "x86_64-linux" in said and said.count("\n") == 1
 
 
 def test_a_failing_compiler_leaves_nothing(study, model, tmp_path, monkeypatch):
