@@ -405,7 +405,7 @@ class LinearAxis(GearedJoint):
 
     def places(self, effect):
         """Places that an effect can sit at."""
-        return {"time_delay": ("torque",), "angle_torque": ("motor",)}.get(
+        return {"time_delay": ("force",), "angle_torque": ("motor",)}.get(
             effect, ("motor",) if effect in laws.MOTOR else ("guide",))
 
     def relative(self, x):

@@ -37,6 +37,24 @@ tau = { variable = "motor.tau", unit = "N.m" }
 C = { variable = "C", unit = "N.m" }
 """
 
+LINEAR = """[rig]
+model = "DriveTrain.Rigs.LinearAxis"
+
+[parameters]
+"carriage.J" = { value = 90.0, fixed = false }
+"guide.f0" = { value = 20.0, fixed = false }
+"viscous_guide.b" = { value = 180.0, fixed = false }
+
+[data]
+runs = []
+held_out = []
+
+[columns]
+x = { variable = "motor.phi", unit = "m" }
+v = { variable = "motor.w", unit = "m/s" }
+F = { variable = "force", unit = "N" }
+"""
+
 
 def make(case, folder, quick=False):
     """Write logs and study of a case.
@@ -102,8 +120,8 @@ def _write(path, log):
 
 
 def _study(found, runs):
-    text = GEARED
-    if found.plant.study == "hip_knee":
+    text = {"geared_joint": GEARED, "linear_axis": LINEAR}.get(found.plant.study, "")
+    if not text:
         text = (ROOT / "examples" / "hip_knee" / "study.toml").read_text()
     kind = {"none": "unknown"}.get(found.world.reference, found.world.reference)
     text = text.replace("runs = []", f"runs = {json.dumps(runs)}", 1)
