@@ -21,8 +21,8 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))  # the package of this checkout, not an installed one
 
 import pycosim  # noqa: E402
-from pycosim import cli
-from pycosim.cli import new, parser
+from pycosim import cli  # noqa: E402
+from pycosim.cli import new, parser  # noqa: E402
 from pycosim.compile import Library, catalogue, places  # noqa: E402
 from pycosim.compile.effects import annotation  # noqa: E402
 from pycosim.compile.parse import LIBRARY  # noqa: E402

@@ -35,32 +35,30 @@ def run(case):
     dict
         A row of the table.
     """
-    from pycosim.compile import Library
-    from pycosim.data.dataset import Dataset
-    from pycosim.diagnosis import search
-    from pycosim.fit import least_squares
+    import pycosim as pc
     from pycosim.study.parse import load_study
     row = {"kind": case.kind, "effects": list(case.effects), "seed": case.seed, "half": case.half}
     try:
         drawn = cases.draw(case)
     except rig.MachineError as error:
         return {**row, "skipped": str(error)}
-    given, library = cases.study(load_study(STUDY), case.effects), Library()
+    given = cases.study(load_study(STUDY), case.effects)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.csv"
         rig.write_csv(cases.log(drawn, case.seed, reference=None if case.kind == "paired" else "gravity_model"), path)
-        data = Dataset(given.with_data([path]), library)
+        project = pc.open(given, data=path)
+        data = project.dataset
     if case.kind == "paper":
-        return {**row, "base": _base(least_squares.fit(data, data.base), drawn.machine)}
+        return {**row, "base": _base(project.fit().solution, drawn.machine)}
     start = time.perf_counter()
-    result = search.improve(data)
+    result = project.improve().found
     row |= {"seconds": time.perf_counter() - start, "samples": len(data.time), "sizes": drawn.sizes,
             "short": drawn.short, "hidden": [[h.id, h.place] for h in drawn.hidden],
             "truth": [dict(h.coefficients) for h in drawn.hidden]}
     row |= _found(result)
     row["base"] = _base(result.steps[0].fit, drawn.machine)
     if drawn.hidden and case.kind != "outside":
-        true = true_error(data, given, library, drawn.hidden)
+        true = true_error(data, given, project.library, drawn.hidden)
         row["beside_true"] = max(row["held_out"][c] / true[c] for c in true)
     if case.kind == "outside":
         row["cause"] = _cause(drawn.hidden[0])

@@ -30,20 +30,21 @@ def page():
     yield TOP
     for name, study, channel in machines():
         result = ladder(study)
-        library = result.model.library
+        library = result.project.library
         yield f"## {name}\n"
         errors = " -> ".join(number(s.held_out_error[channel]) for s in result.steps)
         yield f"Held-out error of `{channel}`, step by step: {errors}; what is left: `{result.last.verdict}`.\n"
         for step, before in zip(result.steps[1:], result.steps):
-            yield f"**Added: {step.finding.effect} at {step.finding.place}.**"
-            yield f"{cards.sentence(library, step.finding, before.error)}"
-            yield (f"Predicted: {number(step.finding.predicted_error[channel])}; realised: "
-                   f"{number(step.error[channel])}. What would decide: {cards.experiment(library, step.finding)}.\n")
+            finding = step.step.finding
+            yield f"**Added: {finding.effect} at {finding.place}.**"
+            yield f"{cards.sentence(library, finding, before.error)}"
+            yield (f"Predicted: {number(finding.predicted_error[channel])}; realised: "
+                   f"{number(step.error[channel])}. What would decide: {cards.experiment(library, finding)}.\n")
         beside = [c for c in result.first.candidates if not c.accepted][:MOST]
         if beside:
             yield "Next on the list, before anything was added:\n"
             for c in beside:
-                yield f"- {c.effect}: {cards.sentence(library, c, result.first.error)}"
+                yield f"- {c.name}: {c.sentence}"
             yield ""
 
 

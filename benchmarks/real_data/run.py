@@ -18,11 +18,9 @@ DATA = ROOT.parent / "shared" / "data"
 
 
 def ladder(study):
-    """Improve a study; returns the improvement."""
-    from pycosim.compile import Library
-    from pycosim.data.dataset import Dataset
-    from pycosim.diagnosis import search
-    return search.improve(Dataset(study, Library()))
+    """Improve a study; returns the search."""
+    import pycosim as pc
+    return pc.open(study).improve()
 
 
 def screw(number):
@@ -60,12 +58,12 @@ def main():
 def show(result, scale, channel):
     """Print a ladder; returns the fall of the held-out error."""
     for step in result.steps:
-        name = "base" if step.added is None else "@".join(step.added)
+        name = step.added or "base"
         fitted, held_out = (scale * e[channel] for e in (step.error, step.held_out_error))
         print(f"  {name:32s} fit {fitted:.3f}  held out {held_out:.3f}")
-    twins = result.first.winner.twins if result.first.winner else []
-    print(f"  verdict {result.first.verdict}, then {result.last.verdict}; twins of the first: "
-          f"{', '.join(t['effect'] + '@' + t['place'] for t in twins) or 'none'}")
+    best = result.first.best
+    print(f"  verdict {result.first.verdict}, then {result.last.verdict}; indistinguishable from the first: "
+          f"{', '.join(best.alternatives if best else []) or 'none'}")
     return 1 - result.steps[-1].held_out_error[channel] / result.steps[0].held_out_error[channel]
 
 

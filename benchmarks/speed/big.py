@@ -53,22 +53,18 @@ def write(folder, rows):
 
 def task(name, path):
     """What is measured, in a process of its own; prints a line of JSON."""
-    from pycosim.compile import Library
-    from pycosim.data.dataset import Dataset
+    import pycosim as pc
     from pycosim.data.logs import read_log
-    from pycosim.diagnosis import search
-    from pycosim.report.page import write_report
-    from pycosim.study.parse import load_study
-    study, told, start = load_study(STUDY).with_data([path]), "", time.perf_counter()
+    start = time.perf_counter()
+    project = pc.open(STUDY, data=path)
     if name == "read":
-        log = read_log(path, study)
+        log = read_log(path, project.study)
         told = f"{len(log.time)} samples, {log.meta or 'row by row'}"
     else:
-        data = Dataset(study, Library())
-        result = search.improve(data)
-        told = ", ".join([result.first.verdict, *("@".join(s.added) for s in result.steps[1:]), result.last.verdict])
+        result = project.improve()
+        told = ", ".join([result.first.verdict, *result.added, result.last.verdict])
         begin, page = time.perf_counter(), Path(path).with_suffix(".html")
-        write_report(page, data, result, "pycosim report study.toml")
+        result.report(page)
         told += f"; its report took {time.perf_counter() - begin:.1f} s, {page.stat().st_size / 1e6:.1f} MB"
     status = Path("/proc/self/status").read_text()
     peak = int(status.partition("VmHWM:")[2].split()[0]) / 1024

@@ -14,14 +14,10 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pycosim.compile import Library, compile_model, component_name
+import pycosim as pc
+from pycosim.compile import Library, component_name
 from pycosim.cosim.master import cosimulate
 from pycosim.cosim.scenario import load_scenario
-from pycosim.data.dataset import Dataset
-from pycosim.design.plan import known, make_plan
-from pycosim.diagnosis.decide import diagnose
-from pycosim.fit import least_squares
-from pycosim.report.plan_results import csv
 from pycosim.study.parse import load_study
 
 HERE = Path(__file__).parent
@@ -37,8 +33,7 @@ UNSEEN = {("viscous", "1A"): 3e-4, ("viscous", "2A"): 3e-4, ("torque_offset", "m
 
 def experiment(plan, number, out, library):
     """Run a plan on the plant; returns the log to fit and the part of it that is held out, as files."""
-    motion = out / f"plan{number}.csv"
-    motion.write_text(csv(plan), encoding="utf-8")
+    motion, plan = plan.to_csv(out / f"plan{number}.csv"), plan.planned
     scenario = load_scenario(HERE / "experiment.toml")
     angles = plan.known.workspace.kinematics.angles(plan.motion.angle[:, :1])[:, 0]
     start = dict(zip(plan.known.workspace.kinematics.joints, map(float, angles)))
@@ -55,16 +50,13 @@ def experiment(plan, number, out, library):
     return files
 
 
-def unseen(dataset, model, fit):
+def unseen(fitted):
     """Size of each effect of the list that the data so far could hide: 3.6 standard errors of its coefficient."""
     found = {}
-    attached = {(e.id, p.name) for e, p in model.attached}
-    for key in (k for k in UNSEEN if k not in attached):
-        larger = compile_model(dataset.library, model.rig, [*((e.id, p.name) for e, p in model.attached), key])
-        effect, place = larger.attached[-1]
-        name = f"{component_name(effect, place)}.{effect.size[0]}"
-        fitted = least_squares.fit(dataset, larger, fit.parameters)
-        found["@".join(key)] = 3.6 * float(fitted.stderr[fitted.free.index(name)])
+    for name in (n for n in map("@".join, UNSEEN) if n not in fitted.effects):
+        larger = fitted.add(name)
+        effect, place = larger.model.attached[-1]
+        found[name] = 3.6 * larger.params[f"{component_name(effect, place)}.{effect.size[0]}"].stderr
     return found
 
 
@@ -74,16 +66,12 @@ def wanted(name):
     return DISTAL if name in ("s1B.f0", "s2B.f0") else WANTED.get(kind, UNSEEN[("viscous", "2A")])
 
 
-def learn(study, library):
+def learn(study):
     """Fit and diagnose all logs; the effect that is missing is added, one a time."""
-    while True:
-        dataset = Dataset(study, library)
-        model = study.validate(library)
-        fit = least_squares.fit(dataset, model)
-        found = diagnose(dataset, model, fit, study.seed)
-        if found.winner is None:
-            return study, dataset, model, fit, found
-        study = replace(study, effects=[*study.effects, found.winner.key])
+    fitted = pc.open(study).fit()
+    while fitted.diagnose().best is not None:
+        fitted = fitted.diagnose().best.add()
+    return fitted
 
 
 def loop(out, budget=80.0, most=6, say=print):
@@ -95,21 +83,23 @@ def loop(out, budget=80.0, most=6, say=print):
         One an experiment: ``widths``, ``unseen``, ``effects``, ``verdict``, ``done``.
     """
     out.mkdir(parents=True, exist_ok=True)
-    library, study = Library(), replace(load_study(STUDY), reference="sensor")
-    model, dataset, fit, history = study.validate(library), None, None, []
+    study = replace(load_study(STUDY), reference="sensor")
+    known, history = pc.open(study), []  # at first the study alone
     for number in range(1, most + 1):
-        plan = make_plan(known(study, library, model, dataset, fit), budget=budget)
-        run, held_out = experiment(plan, number, out, library)
+        plan = known.plan(budget=budget)
+        run, held_out = experiment(plan, number, out, Library())
         study = replace(study, runs=[*study.runs, run], held_out=[*study.held_out, held_out])
-        study, dataset, model, fit, found = learn(study, library)
-        widths = {n: fit.interval(n)[1] - fit.interval(n)[0] for n in fit.free}
-        hidden = unseen(dataset, model, fit)
+        known = learn(study)
+        study = replace(study, effects=known.model.keys)
+        found, widths = known.diagnose(), {n: p.ci95[1] - p.ci95[0] for n, p in known.params.items()}
+        hidden = unseen(known)
         done = (all(w <= wanted(n) for n, w in widths.items()) and found.verdict == "nothing_missing"
                 and all(size <= UNSEEN[tuple(k.split("@"))] for k, size in hidden.items()))
-        history.append({"duration": plan.motion.duration, "widths": widths, "unseen": hidden, "verdict": found.verdict,
-                        "effects": ["@".join(e) for e in study.effects], "done": done})
+        duration = plan.planned.motion.duration
+        history.append({"duration": duration, "widths": widths, "unseen": hidden, "verdict": found.verdict,
+                        "effects": known.effects, "done": done})
         wide = [n for n, w in widths.items() if w > wanted(n)]
-        say(f"experiment {number}, {plan.motion.duration:.0f} s: {found.verdict}; effects "
+        say(f"experiment {number}, {duration:.0f} s: {found.verdict}; effects "
             f"{', '.join(history[-1]['effects']) or 'none'}; too wide: {', '.join(wide) or 'none'}; could hide: "
             f"{', '.join(k for k, s in hidden.items() if s > UNSEEN[tuple(k.split('@'))]) or 'none'}")
         if done:

@@ -157,6 +157,9 @@ class Page:
 
     # ---- the parts
 
+    def _errors(self, error):
+        return sentences.errors_text(error, self.bench.dataset.units)
+
     @ui.refreshable_method
     def summary(self):
         """The errors now, and the way back."""
@@ -166,9 +169,9 @@ class Page:
         step = self.bench.step
         with ui.row().classes("items-center gap-6"):
             ui.label(f"{self.bench.study.name}: {self.bench.names()[-1]}").classes("text-lg")
-            ui.label(f"error {sentences.errors_text(step.error)}")
+            ui.label(f"error {self._errors(step.error)}")
             if step.held_out_error:
-                held_out = ui.label(f"held-out {sentences.errors_text(step.held_out_error)}").classes("font-bold")
+                held_out = ui.label(f"held-out {self._errors(step.held_out_error)}").classes("font-bold")
                 held_out.props("data-held-out")
             undo = ui.button("Undo", on_click=self._undo)
             undo.set_enabled(len(self.bench.steps) > 1)
@@ -281,7 +284,7 @@ class Page:
             return
         ui.button("Diagnose", on_click=self._diagnose)
         if bench.found is not None:
-            told = records.diagnosis(bench.found, bench.library)
+            told = records.diagnosis(bench.found, bench.dataset)
             for line in sentences.summary_diagnosis({**told, "undetectable": []}, bench.library, len(bench.steps) > 1):
                 ui.label(line)
             for k, (candidate, finding) in enumerate(zip(told["candidates"][:CARDS], bench.found.candidates)):
@@ -308,8 +311,8 @@ class Page:
     def _lines(self, told):
         yield told.get("sentence") or f"{find_effect(self.bench.library, told['effect']).description}."
         yield ", ".join(sentences.coefficient_text(n, c) for n, c in told["coefficients"].items()) + "."
-        yield (f"p = {number(told['p_value'])} over everything that was tested; error, predicted: "
-               f"{sentences.change_text(self.bench.step.fit.error, told['predicted_error'])}.")
+        change = sentences.change_text(self.bench.step.fit.error, told["predicted_error"], self.bench.dataset.units)
+        yield f"p = {number(told['p_value'])} over everything that was tested; error, predicted: {change}."
         yield from sentences.alternatives_text(told, self.bench.library)
         if told.get("experiment"):
             yield f"What would decide: {told['experiment']}."

@@ -13,19 +13,11 @@ import numpy as np
 
 from ..compile import Library, compile_model
 from ..core.errors import PycosimError, StudyError
-from ..data.dataset import Dataset
-from ..data.logs import load
 from ..data.readers import read_parts
-from ..diagnosis.decide import Finding, nudged
-from ..diagnosis.search import diagnosed, step_of
-from ..export import export
-from ..fit import least_squares
-from ..report import records, values
-from ..report.folder import Folder
-from ..study.parse import load_study
+from ..project import open_project
+from ..report import values
 from ..study.schema import Setting, Study
 from ..study.template import first_parameters, rigs
-from ..study.write import write_study
 from .mapping import suggest, wanted
 
 FEW = 200  # samples below which a region says nothing
@@ -45,18 +37,50 @@ class Workbench:
 
     Attributes
     ----------
-    study : Study or None
-    dataset : Dataset or None
-    steps : list of Step
+    project : Project or None
+        What is worked on.
+    fits : list of Fitted
         The base model first; empty until data are read.
-    found : Diagnosis or None
-        Of the last step; None until asked for.
+    diagnosed : Diagnosis or None
+        Of the last model; None until asked for.
     """
 
     def __init__(self, folder):
         self.folder = Path(folder).absolute()
-        self.library, self.study, self.dataset = Library(), None, None
-        self.steps, self.found = [], None
+        self.project, self.fits, self.diagnosed = None, [], None
+        self._library, self._listener = Library(), None
+
+    def _say(self, text):
+        """Tell whoever waits for the present work."""
+        if self._listener is not None:
+            self._listener(text)
+
+    # ---- what the page shows
+
+    @property
+    def library(self):
+        """Modelica classes that are known."""
+        return self.project.library if self.project else self._library
+
+    @property
+    def study(self):
+        """The study, or None."""
+        return self.project.study if self.project else None
+
+    @property
+    def dataset(self):
+        """The logs, arranged for a fit, or None."""
+        return self.project.dataset if self.project else None
+
+    @property
+    def steps(self):
+        """Models so far with their errors; the base model first."""
+        return [fitted.step for fitted in self.fits]
+
+    @property
+    def found(self):
+        """What the diagnosis of the last model found, or None."""
+        return self.diagnosed.found if self.diagnosed else None
 
     # ---- data
 
@@ -74,8 +98,7 @@ class Workbench:
         ------
         PycosimError
         """
-        study = load_study(path)
-        self.take(study.with_data(data) if data else study, progress)
+        self._take(path, data, progress)
 
     def take(self, study, progress=None):
         """Work on a study from here on.
@@ -90,15 +113,15 @@ class Workbench:
         PycosimError
             The study, or one of its logs, cannot be used; what was there before stays.
         """
-        say = progress or (lambda text: None)
-        library = Library(study.modelica)
-        model = study.validate(library)
-        say("reading the logs")
-        dataset = Dataset(study, library, load(study))
-        say("fitting")
-        step = step_of(dataset, model, least_squares.fit(dataset, model))
-        say("done")
-        self.library, self.study, self.dataset, self.steps, self.found = library, study, dataset, [step], None
+        self._take(study, None, progress)
+
+    def _take(self, study, data, progress):
+        self._listener = progress
+        project = open_project(study, data, self._say)
+        fitted = project.fit()
+        fitted.step  # noqa: B018  computed now, not while the page is drawn
+        self._say("done")
+        self.project, self.fits, self.diagnosed = project, [fitted], None
 
     def header(self, path):
         """Columns of a log.
@@ -169,11 +192,16 @@ class Workbench:
     # ---- the loop
 
     @property
-    def step(self):
+    def fitted(self):
         """The model as it is now."""
-        if not self.steps:
+        if not self.fits:
             raise Given("no data are read yet; open a study or map a log first")
-        return self.steps[-1]
+        return self.fits[-1]
+
+    @property
+    def step(self):
+        """The model as it is now, with its errors."""
+        return self.fitted.step
 
     def diagnose(self, progress=None):
         """Rank the effects that the present model may lack.
@@ -186,10 +214,10 @@ class Workbench:
         ------
         PycosimError
         """
-        step = self.step
-        found = diagnosed(self.dataset, step.model, step.fit, self.study.seed, progress)
-        if self.step is step:
-            self.found = found
+        fitted, self._listener = self.fitted, progress
+        found = fitted.diagnose()
+        if self.fitted is fitted:
+            self.diagnosed = replace(found, final=len(self.fits) > 1)
 
     def add(self, effect, place, progress=None):
         """Refit with one more effect.
@@ -204,21 +232,11 @@ class Workbench:
         PycosimError
             The effect is there already, or cannot be fitted.
         """
-        say, step = progress or (lambda text: None), self.step
-        attached = step.model.keys
-        if (effect, place) in attached:
-            raise StudyError(f"'{effect}' at '{place}' is in the model already")
-        say(f"fitting {effect} at {place}")
-        model = compile_model(self.library, self.study.rig, [*attached, (effect, place)])
-        known = next((f for f in self.found.candidates if f.key == (effect, place)), None) if self.found else None
-        start = {**step.fit.parameters, **(known.start if known else {})}
-        fit = least_squares.fit(self.dataset, model, known.fit.parameters if known and known.fit
-                           else nudged(start, model, known))
-        say("computing errors")
-        added = step_of(self.dataset, model, fit, known or Finding(effect, place))
-        say("done")
-        if self.step is step:
-            self.steps, self.found = [*self.steps, added], None
+        fitted, self._listener = self.fitted, progress
+        added = fitted.add(f"{effect}@{place}")
+        self._say("done")
+        if self.fitted is fitted:
+            self.fits, self.diagnosed = [*self.fits, added], None
 
     def undo(self):
         """Take the last effect out again.
@@ -228,9 +246,9 @@ class Workbench:
         Given
             Nothing was added.
         """
-        if len(self.steps) < 2:
+        if len(self.fits) < 2:
             raise Given("nothing was added yet, so nothing can be taken back")
-        self.steps, self.found = self.steps[:-1], None
+        self.fits, self.diagnosed = self.fits[:-1], None
 
     def names(self):
         """What the models so far are called, in order.
@@ -282,16 +300,6 @@ class Workbench:
 
     # ---- results
 
-    def improved(self):
-        """The study with the effects and the values of the present model.
-
-        Returns
-        -------
-        Study
-        """
-        made = records.improved_study(self.study, self.step.model, self.step.fit)
-        return replace(made, path=self.folder / "study.toml")
-
     def save(self):
         """Write the study with everything that was added; the given one is never changed.
 
@@ -307,7 +315,7 @@ class Workbench:
         if self.study is not None and path.resolve() == self.study.path.resolve() and path.exists():
             raise Given(f"{path}: is the given study, which is never changed; start the app with --out DIR")
         self.make()
-        return write_study(self.improved(), path)
+        return self.fitted.save(path)
 
     def make(self):
         """Make the folder.
@@ -338,12 +346,9 @@ class Workbench:
         ------
         PycosimError
         """
-        say = progress or (lambda text: None)
-        study = self.improved()
-        model = study.validate(self.library)
+        self._listener = progress
         self.make()
-        say("building the FMU")
-        with Folder(self.folder / "fmu", "export", None, ("export.json",)) as folder:
-            made = export(study, model, folder.temporary, "fmu", fmi)
-        say("done")
+        self._say("building the FMU")
+        made = self.fitted.export(self.folder / "fmu", "fmu", fmi)
+        self._say("done")
         return self.folder / "fmu" / next(f for f in made.files if f.endswith(".fmu"))

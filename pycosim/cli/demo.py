@@ -12,15 +12,9 @@ from pathlib import Path
 
 from ..compile import Library, compile_model, component_name
 from ..cosim.master import cosimulate
-from ..data.dataset import Dataset
-from ..diagnosis import compare
-from ..diagnosis.search import improve
-from ..fit import least_squares
-from ..report import figures, records, sentences
+from ..project import open_project
+from ..report import figures
 from ..report.folder import Folder
-from ..report.page import write_report
-from ..study.parse import load_study
-from ..study.write import write_study
 
 RIG = "DriveTrain.Rigs.HipKnee"
 HIDDEN = ("stribeck", "2A", {"fs": 0.045, "ws": 0.85})  # N.m, rad/s
@@ -139,7 +133,7 @@ def run(out, quiet=False, progress=None):
 
     Returns
     -------
-    Improvement
+    Search
 
     Raises
     ------
@@ -155,16 +149,17 @@ def run(out, quiet=False, progress=None):
         _make(library, folder, progress=progress)
         say("1. A log of a hip-knee actuation under position control: six manoeuvres out and back, five speeds, twice.",
             "   The machine has an effect that its model lacks.", "")
-        study = load_study(folder.file("study.toml"))
-        progress("reading the log")
-        dataset = Dataset(study, library)
-        _compare(dataset, folder, progress, say)
-        found = improve(dataset, seed=study.seed, progress=progress)
-        _write(folder, study, dataset, found)
-        _tell(dataset, found, say)
+        project = open_project(folder.file("study.toml"), progress=progress)
+        compared = project.compare()
+        say("2. The base model, fitted, against the log.", *_indent(compared.sentences), "")
+        found = project.improve()
+        for name, content in {**found.files(), "comparison.json": compared.record}.items():
+            folder.write(name, content)
+        found.save(folder.file("improved.toml"))
+        _tell(found, say)
         progress("drawing")
-        figures.write_figures(folder.temporary, dataset, found)
-        write_report(folder.file("report.html"), dataset, found, "pycosim report study.toml")
+        figures.write_figures(folder.temporary, project.dataset, found.found)
+        found.report(folder.file("report.html"))
     say(f"Took {clock.monotonic() - began:.0f} s. Everything is in {out}: {folder.listed}.",
         f"The same on the log alone: pycosim improve {out / 'study.toml'}")
     return found
@@ -201,39 +196,17 @@ def _make(library, folder, seed=2, progress=None, **options):
 # --- the story ------------------------------------------------------------------------------------------------------
 
 
-def _compare(dataset, folder, progress, say):
-    """Fit the base model, and say where it fails."""
-    progress("fitting the base model")
-    fit = least_squares.fit(dataset, dataset.base)
-    comparison = compare.compare(dataset, dataset.base, fit)
-    folder.write("comparison.json", comparison)
-    say("2. The base model, fitted, against the log.", *_indent(sentences.summary_comparison(comparison)), "")
-
-
-def _write(folder, study, dataset, found):
-    """Results as those of ``improve``; the improved study goes beside the given one."""
-    folder.write("diagnosis.json", records.diagnosis(found.first, dataset.library))
-    folder.write("diagnosis_final.json", records.diagnosis(found.last, dataset.library))
-    folder.write("ladder.json", records.ladder(found.steps, dataset))
-    folder.write("parameters.json", records.parameters(found.fit, found.model, study.seed))
-    folder.write("model.mo", found.model.text.rstrip("\n") + "\n")
-    write_study(records.improved_study(study, found.model, found.fit), folder.file("improved.toml"))
-
-
-def _tell(dataset, found, say):
+def _tell(found, say):
     """What was found, then what was hidden."""
-    library = dataset.library
-    first, last = (records.diagnosis(d, library) for d in (found.first, found.last))
-    parameters = records.parameters(found.fit, found.model, 0)
-    lines = sentences.summary_improvement(first, last, records.ladder(found.steps, dataset), parameters, library)
-    hidden = [line for line in lines if line.startswith("Not visible")]
-    say("3. What is missing, and what is left when it is added.", *_indent(x for x in lines if x not in hidden))
-    if hidden:
+    lines = found.sentences
+    unseen = [line for line in lines if line.startswith("Not visible")]
+    say("3. What is missing, and what is left when it is added.", *_indent(x for x in lines if x not in unseen))
+    if unseen:
         say("   What these data could not show is in diagnosis_final.json.")
     effect, place, coefficients = HIDDEN
-    units = {n.rsplit(".", 1)[-1]: v.unit for n, v in found.fit.variables.items()}
+    units = {n.rsplit(".", 1)[-1]: p.unit for n, p in found.final.params.items()}
     values = ", ".join(f"{n} = {v:g} {units.get(n, '')}".rstrip() for n, v in coefficients.items())
-    inside = sum(_inside(found.fit.interval(n), v) for n, v in MACHINE.items())
+    inside = sum(_inside(found.final.params[n].ci95, v) for n, v in MACHINE.items())
     say("", f"4. Hidden was: {effect} at {place}, {values}.",
         f"   Of the {len(MACHINE)} other parameters of the machine, {inside} are within their 95 % intervals.", "")
 

@@ -50,13 +50,12 @@ def run_verb(arguments, progress):
         return ""
     run = verbs.Run(arguments, progress)
     if arguments.verb == "add":
-        run.effect = verbs.checked_effect(run, arguments.effect)
+        run.project.places(arguments.effect)  # refused before a log is read
     if arguments.verb == "export" and arguments.data:
         raise UsageError("export reads no log, its values are the study's; 'pycosim identify STUDY --data FILE' finds "
                          "them")
     with run.folder:
-        run.dataset = None
-        if arguments.verb == "plan" and not (run.study.runs or run.study.held_out):
+        if arguments.verb == "plan" and not run.has_logs:
             run.lines.append("No log was given: what is known is what the study's [parameters] say.")
         elif arguments.verb != "export":
             run.read()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from ..core import cache
 from . import ArrayFunction, potentials, solve
 from .effects import ports
 from .model import Question, _dump, _load
-from ..core import cache
 
 AHEAD = "ahead(signal.tau)"  # by how much a torque is ahead of its record
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 
 from ..core.errors import UnknownNameError, closest
 
-
 PARTNER = "partner"  # connector that goes to the other component of a pair
 
 

@@ -11,8 +11,18 @@ import casadi as ca
 from ..core import cache
 from ..core.errors import ModelicaError, StudyError, UnknownNameError, closest
 from ..core.units import Variable
-from .effects import (_members, annotation, catalogue, component_name, component_names, extend, find_place,
-                      is_connector, is_effect, ports)
+from .effects import (
+    _members,
+    annotation,
+    catalogue,
+    component_name,
+    component_names,
+    extend,
+    find_place,
+    is_connector,
+    is_effect,
+    ports,
+)
 from .solve import der, solve
 
 RECORDED = "tau"  # what a component with a torque channel records
@@ -207,6 +217,22 @@ class Model:
         """Components that carry the friction law: component name to place name."""
         names = {c: p for p, c in (pair.split("=") for pair in self.notes.get("places", "").split())}
         return {c: names.get(c, c) for c in self.components("friction")}
+
+    def unit(self, channel):
+        """Unit of a channel.
+
+        Parameters
+        ----------
+        channel : str
+            A variable, or with ``_pair`` half its difference between a pass and its way back.
+
+        Returns
+        -------
+        str
+            ``1`` for a number without unit.
+        """
+        name = channel.removesuffix("_pair")
+        return self.variables[name].unit if name in self.variables else "1"
 
     def components(self, connector):
         """Components of the rig that carry a connector of this name.

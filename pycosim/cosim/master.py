@@ -140,8 +140,8 @@ class _Master:
     def _connect(self):
         """Number every value that someone reads, and tell each component which inputs it gets from where."""
         scenario, sources = self.scenario, {}
-        for a, x, b, y in scenario.connections:
-            for x, y in [(x, y)] if x else self._equal_names(a, b):
+        for a, source, b, sink in scenario.connections:
+            for x, y in [(source, sink)] if source else self._equal_names(a, b):
                 self._check_signal(a, x, self.parts[a].known, "variable")
                 self._check_signal(b, y, self.parts[b].inputs, "input")
                 if (b, y) in sources and sources[b, y] != (a, x):

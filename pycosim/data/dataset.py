@@ -9,15 +9,15 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from . import instruments, segmentation
 from ..compile import ArrayFunction, catalogue, compile_model, component_name
-from ..dynamics.delays import undo
 from ..core.errors import DataError, StudyError
+from ..dynamics.delays import undo
+from ..dynamics.states import dependent_parameters, propagate
+from . import instruments, segmentation
 from .derivatives import default_window, derivatives, resolution
 from .logs import load, require, require_alike
 from .noise import contiguous
 from .residuals import Residuals, Term
-from ..dynamics.states import dependent_parameters, propagate
 
 FOLDS = 5
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
@@ -124,6 +124,11 @@ class Dataset:
         self.measured = {v: np.concatenate([log.signals[v] for log in self.logs]) for v in sorted(shared)}
         self.labels = (np.concatenate([log.labels for log in self.logs])
                        if all(log.labels is not None for log in self.logs) else None)
+
+    @property
+    def units(self):
+        """Unit of each channel."""
+        return {c: self.base.unit(c) for c in self.channels}
 
     # ---- motion
 

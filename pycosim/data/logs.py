@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core.errors import DataError, closest
 from .chunks import Gathered
+from .frames import Frame
 from .readers import read_parts
 
 
@@ -87,7 +88,7 @@ def read_log(path, study):
 
     Parameters
     ----------
-    path : path
+    path : path or Frame
     study : Study
         Columns, units, labels, what to do with drop-outs, reader, average, most rows to keep apart.
 
@@ -100,9 +101,10 @@ def read_log(path, study):
     DataError
         The file, a row or a column cannot be used; the message names it and says what to do.
     """
-    path = Path(path)
-    clocks = {study.time_column} if study.rate is None else set()
-    count, tables = read_parts(path, study.reader, {*study.columns, *clocks}, study.labels, study.header)
+    path = path if isinstance(path, Frame) else Path(path)
+    wanted = set(study.columns) | ({study.time_column} if study.rate is None else set())
+    count, tables = (path.parts(wanted, study.labels) if isinstance(path, Frame)
+                     else read_parts(path, study.reader, wanted, study.labels, study.header))
     first = next(tables)
     used = {n: c for n, c in study.columns.items() if n in first.columns and n != study.time_column}
     _check_columns(path, first, study, used)

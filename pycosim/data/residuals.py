@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from ..compile import ArrayFunction
-from .noise import chained
 from ..dynamics.states import dependent_parameters
+from .noise import chained
 
 _CHUNK = 8192
 

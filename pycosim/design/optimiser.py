@@ -369,7 +369,7 @@ class Optimiser:
     def _design(self, value, x):
         m, size = len(self.ws.kinematics.motors), 2 * len(self.ws.kinematics.motors) + 3
         strokes, seconds = [], []
-        for k, (_, fastest) in enumerate(self.slots):
+        for k in range(len(self.slots)):
             part = (x * self.scale)[k * size:(k + 1) * size]
             stroke = Stroke(part[:m], part[m:2 * m], float(part[2 * m]), float(part[2 * m + 1]), 2, str(k + 1))
             strokes.append(stroke)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .dependence import explanations
 from ..study.schema import LOG_VARIABLES
+from .dependence import explanations
 
 GROUPS = 8
 WORDS = {"speed": "speed of {}", "load": "mean load of {}", "acceleration": "acceleration of {}",
@@ -52,7 +52,7 @@ def unit_of(dataset, name):
         return "s"
     variable = name.removesuffix("_pair")
     variable = dataset.study.columns[variable].variable if variable in dataset.study.columns else variable
-    return flat[variable].unit if variable in flat else LOG_VARIABLES.get(variable, "1")
+    return dataset.base.unit(variable) if variable in flat else LOG_VARIABLES.get(variable, "1")
 
 
 def errors(dataset, model, fit, part="all"):
@@ -93,7 +93,8 @@ def joint_errors(dataset, model, fit, part="all"):
     found = {}
     where = dataset.view(part)
     where = where.i if dataset.paired else where
-    names = [n for n in ("q_H", "q_K", "q") if n in dataset.measured and n not in dataset.known]
+    names = [n for n in dataset.measured if "." not in n and n not in dataset.known
+             and n in model.variables and model.variables[n].unit == "rad"]
     values = dataset.segment_signals(model, fit.parameters, names)
     for n in values:
         gap = (dataset.measured[n] - values[n])[where]
@@ -134,7 +135,7 @@ def compare(dataset, model, fit, part="all"):
     -------
     dict
         ``comparison.json``: ``error``, ``by`` (manoeuvre, branch, part, and quantile groups of every variable), the
-        ``units`` of these variables, and how many samples were left out.
+        ``units`` of channels and variables, and how many samples were left out.
     """
     problem = dataset.residuals(model, fit.free, fit.parameters, part)
     residual = problem.residual(fit.values)
@@ -154,10 +155,11 @@ def compare(dataset, model, fit, part="all"):
     variables = explanations(dataset, model, fit, index)
     for name, values in variables.items():
         by[name] = _grouped(dataset, residual, _quantile_labels(values))
-    return {"schema": 1,
-            "error": {**{c: float(np.sqrt(np.mean(r ** 2))) for c, r in zip(dataset.channels, residual)},
-                      **joint_errors(dataset, model, fit, part)},
-            "by": by, "units": {name: unit_of(dataset, name) for name in variables},
+    error = {**{c: float(np.sqrt(np.mean(r ** 2))) for c, r in zip(dataset.channels, residual)},
+             **joint_errors(dataset, model, fit, part)}
+    return {"schema": 1, "error": error,
+            "by": by,
+            "units": {name: unit_of(dataset, name) for name in [*error, *variables]},
             "samples": {"used": int(problem.n), "moving": int(dataset.moving.sum()), "all": int(len(dataset.time)),
                         "w_min": float(dataset.w_min), "unit_w_min": dataset.speed_unit,
                         "left_out_rows": {log.name: log.dropped for log in dataset.logs if log.dropped}}}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from .compare import unit_of
 from ..compile.effects import annotation
+from .compare import unit_of
 from .dependence import explanations
 
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .compare import unit_of
-from .dependence import explanations
 from ..fit.least_squares import invert
 from ..fit.nullspace import number
+from .compare import unit_of
+from .dependence import explanations
 
 CELLS = 12
 SAMPLES = 6000  # that shapes are compared on

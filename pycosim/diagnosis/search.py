@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from . import compare
+from ..compile import compile_model, find_effect, find_place, places
+from ..core.errors import PycosimError, StudyError
 from ..fit import least_squares
-from ..compile import compile_model
-from .decide import diagnose
+from . import compare
 from .constancy import LACK, constancy
 from .crossval import difference, select
+from .decide import Finding, diagnose, nudged
 
 MOST = 6  # effects that one search may add
 AHEAD = 4  # effects that the search goes on with, to see whether a coefficient becomes constant
@@ -72,6 +73,136 @@ def step_of(dataset, model, fit, finding=None):
     held_out = compare.errors(dataset, model, fit, "test") if dataset.is_test.any() else {}
     added = None if finding is None else finding.key
     return Step(added, model, fit, compare.errors(dataset, model, fit, "fit"), held_out, finding)
+
+
+# --- one effect that is asked for ------------------------------------------------------------------------------------
+
+
+def addable(study, library, model, text):
+    """Effect and places of ``EFFECT[@PLACE]``, where it can still be added.
+
+    Parameters
+    ----------
+    study : Study
+    library : Library
+    model : Model
+        The study's rig with its effects.
+    text : str
+
+    Returns
+    -------
+    effect : str
+    places : list of str
+        The given place, or all places of the rig that the effect can still be added at.
+
+    Raises
+    ------
+    UnknownNameError, StudyError
+    """
+    name, at, place = text.partition("@")
+    effect = find_effect(library, name)
+    wanted = [find_place(library, study.rig, effect, place)] if at else places(library, study.rig, effect)
+    if not wanted:
+        find_place(library, study.rig, effect, "")
+    acting = {(e.id, c): p.name for e, p in model.attached for c in p.components}
+    allowed = [p for p in wanted if not study.rules_out(name, p.name)]
+    if not allowed:
+        raise StudyError(f"{study.path}: '{text}' is among [data] rejected; take it out there to add it")
+    free = [p for p in allowed if not any((name, c) in acting for c in p.components)]
+    if not free:
+        where = next(acting[name, c] for p in allowed for c in p.components if (name, c) in acting)
+        raise StudyError(f"{study.path}: '{name}' at '{where}' is in the model already")
+    rival = [f"{c}.{effect.replaces}" for p in free for c in p.components] if effect.replaces else []
+    fitted = [n for n in rival if study.parameters.get(n) and study.parameters[n].fixed is False]
+    if fitted:
+        raise StudyError(f"{study.path}: '{name}' does what the free parameter '{fitted[0]}' does already; "
+                         "fix that one first (fixed = true)")
+    return name, [p.name for p in free]
+
+
+@dataclass
+class Addition:
+    """An effect that was added because it was asked for.
+
+    Attributes
+    ----------
+    step : Step
+    tried : list of str
+        Places where it could be fitted.
+    finding : Finding or None
+        What the diagnosis said of it.
+    hidden : dict or None
+        Why these data can hardly show it.
+    """
+
+    step: object
+    tried: list
+    finding: object
+    hidden: dict | None
+
+
+def add(dataset, model, fit, effect, places, found, progress=None):
+    """Add an effect at the best of these places, by selection error.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    effect : str
+    places : list of str
+    found : Diagnosis
+        Of the model and its fit; its starts and its noise level are used.
+    progress : callable, optional
+
+    Returns
+    -------
+    Addition
+
+    Raises
+    ------
+    StudyError
+        The effect can be fitted at none of them.
+    """
+    say = progress or (lambda text: None)
+    known = {f.place: f for f in found.candidates if f.effect == effect}
+    # rivals are compared at one noise level
+    usual = select(dataset, model, fit, found.noise).usual if len(places) > 1 else None
+    tried = {}
+    for place in places:
+        say(f"fitting {effect} at {place}")
+        try:
+            tried[place] = _fitted_with(dataset, model, fit, effect, place, known.get(place))
+        except PycosimError:
+            if len(places) == 1:
+                raise
+    if not tried:
+        raise StudyError(f"{dataset.study.path}: '{effect}' cannot be fitted at any place of {model.rig} on these data")
+
+    def error(place):
+        larger, fitted = tried[place]
+        return select(dataset, larger, fitted, found.noise, usual).white.sum() + 2 * len(fitted.free)
+
+    best = min(tried, key=error) if len(tried) > 1 else next(iter(tried))
+    say("computing errors")
+    step = step_of(dataset, *tried[best], known.get(best) or Finding(effect, best))
+    hidden = next((u for u in found.undetectable if (u["effect"], u["place"]) == (effect, best)), None)
+    return Addition(step, list(tried), known.get(best), hidden)
+
+
+def _fitted_with(dataset, model, fit, effect, place, finding):
+    """Model and fit with one more effect, from where the diagnosis saw it best."""
+    larger = compile_model(dataset.library, model.rig, [*model.keys, (effect, place)])
+    if finding is not None and finding.accepted:
+        return larger, finding.fit  # fitted to all samples already
+    if finding is not None and finding.fit is not None:
+        start = finding.fit.parameters
+    else:
+        start = nudged({**fit.parameters, **(finding.start if finding else {})}, larger, finding)
+    return larger, least_squares.fit(dataset, larger, start)
+
+
+# --- the search -----------------------------------------------------------------------------------------------------
 
 
 def improve(dataset, model=None, seed=0, progress=None):

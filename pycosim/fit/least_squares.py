@@ -22,6 +22,7 @@ from .moments import Moments
 
 NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
 WEAK = 1e-3
+MARGIN = 1e-6  # of the nominal value, that a fit keeps from its bounds: there derivatives are two-sided
 
 
 @dataclass
@@ -102,7 +103,7 @@ class Fit:
             ``"min"`` or ``"max"``.
         """
         k, v = self.free.index(name), self.variables[name]
-        tolerance = 1e-6 * v.nominal
+        tolerance = 2 * MARGIN * v.nominal  # a fit stops at the margin, but for rounding
         if self.values[k] <= v.min + tolerance:
             return "min"
         return "max" if self.values[k] >= v.max - tolerance else None
@@ -267,7 +268,7 @@ def _instrumented(gram, x, free, variables, steps):
     """Bounded Gauss-Newton steps to where the instruments find nothing left in the residual."""
     scale = np.array([variables[n].nominal for n in free])
     low, high = (np.array([getattr(variables[n], b) for n in free]) for b in ("min", "max"))
-    margin = 1e-6 * scale
+    margin = MARGIN * scale
     if not free:
         return x
     g = gram(x)
@@ -289,7 +290,7 @@ def _listed(names, values):
 
 def _inside(value, variable):
     """Start strictly inside the bounds, where derivatives are two-sided."""
-    margin = 1e-6 * variable.nominal
+    margin = MARGIN * variable.nominal
     return min(max(value, variable.min + margin), variable.max - margin)
 
 
@@ -319,7 +320,7 @@ def _solve(gram, x, free, variables, evaluations):
     solution = least_squares(
         lambda z: -root(z)[:, -1], x, jac=lambda z: root(z)[:, :-1], bounds=(lower, upper), x_scale=scale,
         xtol=1e-7, ftol=1e-9, gtol=1e-12, max_nfev=evaluations)
-    margin = 1e-6 * scale
+    margin = MARGIN * scale
     return np.clip(solution.x, lower + margin, upper - margin)
 
 

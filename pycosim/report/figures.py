@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
+from ..core.errors import UnknownNameError, closest
 from ..diagnosis.compare import branches, unit_of, worded
 from ..diagnosis.dependence import explanations, noise_floor
 from .values import (
@@ -149,7 +150,17 @@ def _named(dataset, variable):
     return next((n for n, c in dataset.study.columns.items() if c.variable == variable), variable)
 
 
-def _has_plane(dataset):
+def has_plane(dataset):
+    """Whether the rig has two motors, whose angles make a plane.
+
+    Parameters
+    ----------
+    dataset : Dataset
+
+    Returns
+    -------
+    bool
+    """
     return not dataset.averaged and len(_angles(dataset)) == 2
 
 
@@ -241,7 +252,7 @@ def _still_lines(axes, dataset, start):
         key = next((k for k in groups if np.allclose(k, d, atol=0.02)), tuple(d))
         groups.setdefault(key, []).append(place)
     axes.autoscale_view()
-    for d, places in groups.items():
+    for d in groups:
         axes.axline(start, (start[0] + d[0], start[1] + d[1]), color="black", lw=0.7, ls=(0, (5, 3)), zorder=0)
     limits = axes.get_xlim(), axes.get_ylim()
     axes.dataLim.update_from_data_xy(np.array(limits).T, ignore=False)
@@ -463,7 +474,7 @@ def _bars(axes, dataset, groups, floor):
 
 
 @_styled
-def residuals(dataset, model, fit, floor=None):
+def residuals(dataset, model, fit, floor=None, over=None, channel=None):
     """Residual against speed, load, angle, time since reversal and time.
 
     Of each kind the variable with the strongest dependence is shown. Mean and standard deviation in bins, apart for the
@@ -476,23 +487,36 @@ def residuals(dataset, model, fit, floor=None):
     fit : Fit
     floor : dict of str to float, optional
         Noise floor of each channel.
+    over : str, optional
+        This variable alone, as ``speed@2A``.
+    channel : str, optional
+        This channel alone.
 
     Returns
     -------
     matplotlib.figure.Figure
+
+    Raises
+    ------
+    UnknownNameError
+        The residual of these data cannot be drawn over that.
     """
     residual, index = residual_of(dataset, model, fit)
     floor = _floor(dataset, model, fit) if floor is None else floor
     known = explanations(dataset, model, fit, index)
+    if over is not None and over not in known:
+        raise UnknownNameError(f"no variable '{over}' to draw the residual over{closest(over, known)}")
     forward, name = _direction(dataset, residual, known)
-    shown = _strongest(dataset, residual, known, forward)
+    shown = _strongest(dataset, residual, known, forward) if over is None else [over]
+    rows = dataset.channels if channel is None else [channel]
     count = len(shown)
-    figure = Figure(figsize=(max(COLUMN, PAGE * count / 5), 1.35 * len(dataset.channels) + 0.75))
-    axes = figure.subplots(len(dataset.channels), count, sharex="col", sharey="row", squeeze=False)
-    for c, channel in enumerate(dataset.channels):
+    figure = Figure(figsize=(max(COLUMN, PAGE * count / 5), 1.35 * len(rows) + 0.75))
+    axes = figure.subplots(len(rows), count, sharex="col", sharey="row", squeeze=False)
+    for c, channel in enumerate(rows):
         for panel, variable in zip(axes[c], shown):
-            _scatter(panel, known[variable], residual[c], forward, floor.get(channel), name)
-            if c == len(dataset.channels) - 1:
+            _scatter(panel, known[variable], residual[dataset.channels.index(channel)], forward, floor.get(channel),
+                     name)
+            if c == len(rows) - 1:
                 panel.set_xlabel(_capital(label(dataset, variable)))
         axes[c, 0].set_ylabel(f"Residual of {_symbol(dataset, channel)} [{_pretty(unit_of(dataset, channel))}]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
@@ -809,7 +833,7 @@ def write_comparison(folder, dataset, model, fit, other=None):
     """
     folder = folder / "figures"
     floor = _floor(dataset, model, fit)
-    if _has_plane(dataset):
+    if has_plane(dataset):
         save(manoeuvres(dataset), folder, "manoeuvres")
     if not dataset.averaged:
         save(over_time(dataset, model, fit, other), folder, "over_time")

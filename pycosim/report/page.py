@@ -18,6 +18,7 @@ from jinja2 import Environment, FileSystemLoader
 from .. import __version__
 from ..compile import compile_model, find_effect
 from ..compile.effects import annotation
+from ..data.frames import Frame
 from ..diagnosis.compare import worded
 from ..fit.nullspace import number
 from . import charts, records, sentences
@@ -44,7 +45,7 @@ class Page:
 
     def __init__(self, dataset, improvement, command):
         self.dataset, self.found, self.command, self.library = dataset, improvement, command, dataset.library
-        self.first, self.last = (records.diagnosis(d, self.library) for d in (improvement.first, improvement.last))
+        self.first, self.last = (records.diagnosis(d, dataset) for d in (improvement.first, improvement.last))
         self.parameters = records.parameters(improvement.fit, improvement.model, dataset.study.seed)
         steps = improvement.steps
         self.models = [(s.model, s.fit) for s in (steps if len(steps) < 2 else (steps[0], steps[-1]))]
@@ -72,6 +73,12 @@ class Page:
         for name, content in trusted.items():
             text = text.replace(f"<!--{name}-->", content, 1)
         return text
+
+    def _errors(self, error):
+        return sentences.errors_text(error, self.dataset.units)
+
+    def _change(self, before, after):
+        return sentences.change_text(before, after, self.dataset.units)
 
     def _payload(self):
         """Charts for the script; the time that all signals share is told once."""
@@ -107,7 +114,7 @@ class Page:
         reference = {"sensor": "measured by a sensor", "gravity_model": "computed from the leg's weight",
                      "unknown": "not said in the study"}[d.study.reference]
         lines = [*sentences.summary_data(d), *sentences.summary_doubt(d, self.found.steps[0].fit),
-                 f"Noise floor: {sentences.errors_text(self.floor)}: no model of this kind could get below it."]
+                 f"Noise floor: {self._errors(self.floor)}: no model of this kind could get below it."]
         if not d.paired:
             lines.append(f"Where the reference comes from: {reference}.")
         rows = [(log.name, len(log.time), f"{log.time[-1] - log.time[0]:.4g}",
@@ -151,7 +158,7 @@ class Page:
         cards = [self._added(k) for k in range(1, len(self.found.steps))]
         shown = {(c["effect"], c["place"]) for c in cards}
         cards += [self._rival(c) for c in self._rivals(shown)]
-        rows = [(c["effect"], c["place"], number(c["p_value"]), sentences.errors_text(c["predicted_error"]),
+        rows = [(c["effect"], c["place"], number(c["p_value"]), self._errors(c["predicted_error"]),
                  "accepted" if c["accepted"] else "refitted" if c["refitted"] else "scored")
                 for c in self.first["candidates"]]
         table = _table("Candidates, best first", ("effect", "place", "p, family-wise", "predicted error", ""), rows)
@@ -199,7 +206,7 @@ class Page:
             if told.get(key):
                 lines.append(f"{text}: " + ", ".join(f"{c} {100 * v:.0f} %" for c, v in told[key].items()) + ".")
         if told.get("predicted_error") and not told.get("predicted_fall"):
-            change = sentences.change_text(self.first["error"], told["predicted_error"])
+            change = self._change(self.first["error"], told["predicted_error"])
             lines.append(f"Error, predicted before any refit: {change}.")
         return lines
 
@@ -208,9 +215,9 @@ class Page:
         before, step = self.found.steps[k - 1:k + 1]
         told = next((c for c in self.first["candidates"] if (c["effect"], c["place"]) == step.added), {})
         card = self._card(*step.added, told)
-        line = f"Error with it: {sentences.change_text(before.error, step.error)}"
+        line = f"Error with it: {self._change(before.error, step.error)}"
         if step.held_out_error:
-            line += f"; on held-out passes {sentences.change_text(before.held_out_error, step.held_out_error)}"
+            line += f"; on held-out passes {self._change(before.held_out_error, step.held_out_error)}"
         card["lines"].append(line + ".")
         chart = charts.signature(self.dataset, (before.model, before.fit), (step.model, step.fit), step.added)
         return {**card, "accepted": True, "status": f"added, step {k}", "chart": self._keep(chart)}
@@ -236,8 +243,8 @@ class Page:
 
     def _fall(self):
         steps = self.found.steps
-        rows = [("base model" if s.added is None else f"+ {s.added[0]} at {s.added[1]}", sentences.errors_text(s.error),
-                 sentences.errors_text(s.held_out_error)) for s in steps]
+        rows = [("base model" if s.added is None else f"+ {s.added[0]} at {s.added[1]}", self._errors(s.error),
+                 self._errors(s.held_out_error)) for s in steps]
         told = self.dataset.held_out_ranges()
         seconds = sum(b - a for _, a, b in told)
         lines = [f"{len(told)} passes out and back, {seconds:.4g} s, were held out of every fit and of every choice."]
@@ -279,7 +286,8 @@ class Page:
     def _again(self):
         study = self.dataset.study
         files = [study.path, *(log.path for log in self.dataset.logs), *study.modelica]
-        hashes = [(Path(p).name, hashlib.sha256(Path(p).read_bytes()).hexdigest()) for p in files]
+        hashes = [(p.name, p.sha256 if isinstance(p, Frame) else hashlib.sha256(p.read_bytes()).hexdigest())
+                  for p in files]
         versions = [("pycosim", __version__), ("Python", sys.version.split()[0]),
                     *((p, _version(p)) for p in PACKAGES), ("machine", f"{platform.system()} {platform.machine()}"),
                     ("seed", study.seed)]

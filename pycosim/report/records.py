@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..compile.contribution import effect_question
 from ..compile import component_name, find_effect
+from ..compile.contribution import effect_question
 from ..fit.nullspace import null_directions, weak_directions
 from ..study.schema import Setting
 from . import cards
@@ -85,16 +85,18 @@ def parameters(fit, model, seed):
              if n not in fit.free and n in fit.variables}
     owners = {component_name(e, p): p.components[0] for e, p in model.attached if len(p.components) == 1}
     return plain({"schema": SCHEMA, "parameters": found, "null_directions": null_directions(fit, owners),
-                  "weak_directions": weak_directions(fit), "error": fit.error, "seed": seed, "fixed": fixed})
+                  "weak_directions": weak_directions(fit), "error": fit.error,
+                  "units": {c: model.unit(c) for c in fit.error}, "seed": seed, "fixed": fixed})
 
 
-def diagnosis(found, library):
+def diagnosis(found, dataset):
     """``diagnosis.json``.
 
     Parameters
     ----------
     found : Diagnosis
-    library : Library
+    dataset : Dataset
+        That was diagnosed.
 
     Returns
     -------
@@ -107,7 +109,8 @@ def diagnosis(found, library):
         unexplained residual lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
-                  "candidates": [_candidate(c, library, found.error) for c in found.candidates],
+                  "units": dataset.units,
+                  "candidates": [_candidate(c, dataset.library, found.error) for c in found.candidates],
                   "residual_depends_on": found.residual_depends_on, "undetectable": found.undetectable,
                   "excitation": found.excitation, "smallest_detectable": found.smallest,
                   "unexplained": found.unexplained, "channels": found.channels})
@@ -145,7 +148,7 @@ def ladder(steps, dataset):
     -------
     dict
     """
-    return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "steps": [
+    return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "units": dataset.units, "steps": [
         {"added": None if s.added is None else {"effect": s.added[0], "place": s.added[1]},
          "error": s.error, "held_out_error": s.held_out_error,
          "predicted_error": s.finding.predicted_error or None if s.finding else None} for s in steps]})

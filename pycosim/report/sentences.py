@@ -15,13 +15,15 @@ from ..fit.nullspace import number
 # --- sentences ------------------------------------------------------------------------------------------------------
 
 
-def errors_text(error):
+def errors_text(error, units):
     """Errors in words.
 
     Parameters
     ----------
     error : dict of str to float
         By channel; None or NaN where it is not known.
+    units : dict of str to str
+        By channel.
 
     Returns
     -------
@@ -29,25 +31,21 @@ def errors_text(error):
         As ``C_H 0.138 N.m, C_K 0.141 N.m``.
     """
     known = {c: v for c, v in error.items() if v is not None and math.isfinite(v)}
-    return ", ".join(f"{c} {number(v)}{_unit(_unit_of(c))}" for c, v in known.items()) or "unknown"
-
-
-def _unit_of(channel):
-    if channel.startswith("q"):
-        return "rad"
-    return "V" if channel.startswith("voltage") else "N.m"
+    return ", ".join(f"{c} {number(v)}{_unit(units[c])}" for c, v in known.items()) or "unknown"
 
 
 def _unit(unit):
     return "" if unit in ("1", "") else f" {unit}"
 
 
-def change_text(before, after):
+def change_text(before, after, units):
     """Two errors in words.
 
     Parameters
     ----------
     before, after : dict of str to float
+        By channel.
+    units : dict of str to str
         By channel.
 
     Returns
@@ -55,7 +53,7 @@ def change_text(before, after):
     str
         As ``C_H 0.235 -> 0.138 N.m``, for every channel of both.
     """
-    return ", ".join(f"{c} {number(before[c])} -> {number(after[c])}{_unit(_unit_of(c))}" for c in before if c in after)
+    return ", ".join(f"{c} {number(before[c])} -> {number(after[c])}{_unit(units[c])}" for c in before if c in after)
 
 
 def coefficient_text(name, c):
@@ -187,7 +185,8 @@ def summary_parameters(result):
     directions = list(dict.fromkeys(d["text"] for d in result["null_directions"]))
     lines += [f"Not determined: {t}." for t in directions]
     lines += [f"Weak: {d['text']}." for d in result["weak_directions"]]
-    lines.append(f"Error on the fitted passes: {errors_text(result['error'])} (RMSE of moving samples).")
+    error = errors_text(result["error"], result["units"])
+    lines.append(f"Error on the fitted passes: {error} (RMSE of moving samples).")
     return lines
 
 
@@ -266,10 +265,10 @@ def _missing(result, library, final):
     best = next(c for c in result["candidates"] if c["accepted"])
     numbers = ", ".join(coefficient_text(n, c) for n, c in best["coefficients"].items())
     lines = [f"Missing: {best['effect']} at {best['place']} (p = {number(best['p_value'])} family-wise). {numbers}.",
-             f"Error with it, predicted: {change_text(result['error'], best['predicted_error'])}; "
-             f"noise floor {errors_text(result['noise_floor'])}."]
+             f"Error with it, predicted: {change_text(result['error'], best['predicted_error'], result['units'])}; "
+             f"noise floor {errors_text(result['noise_floor'], result['units'])}."]
     if best["held_out_error"]:
-        lines.append(f"Error with it on passes never fitted: {errors_text(best['held_out_error'])}.")
+        lines.append(f"Error with it on passes never fitted: {errors_text(best['held_out_error'], result['units'])}.")
     return lines + alternatives_text(best, library)
 
 
@@ -329,7 +328,8 @@ def _refusals(candidates):
 
 
 def _at_floor(result):
-    return f"Error {errors_text(result['error'])}; noise floor {errors_text(result['noise_floor'])}."
+    error, floor = (errors_text(result[k], result["units"]) for k in ("error", "noise_floor"))
+    return f"Error {error}; noise floor {floor}."
 
 
 def _nothing(result, library, final):
@@ -384,24 +384,26 @@ def summary_improvement(first, last, ladder, parameters, library=None):
     -------
     list of str
     """
-    steps, floor = ladder["steps"], errors_text(last["noise_floor"])
+    steps, units = ladder["steps"], ladder["units"]
     if len(steps) == 1:
         return summary_diagnosis(first, library)
-    lines = [f"Base model: error {errors_text(steps[0]['error'])}"
-             + (f"; held-out {errors_text(steps[0]['held_out_error'])}" if steps[0]["held_out_error"] else "") + "."]
+    lines = [f"Base model: error {errors_text(steps[0]['error'], units)}"
+             + (f"; held-out {errors_text(steps[0]['held_out_error'], units)}" if steps[0]["held_out_error"] else "")
+             + "."]
     for before, step in zip(steps, steps[1:]):
-        lines += _step(before, step, first, parameters, library)
+        lines += _step(before, step, first, parameters, library, units)
     best, added = first["candidates"][0], [(s["added"]["effect"], s["added"]["place"]) for s in steps[1:]]
     if best["accepted"] and (best["effect"], best["place"]) not in added:
         lines.append(f"{best['effect']} at {best['place']} was found first, in place of these, and is not needed "
                      "beside them.")
     if len(steps) > 2:
-        lines.append(f"In all: error {change_text(steps[0]['error'], steps[-1]['error'])}; "
-                     f"held-out {change_text(steps[0]['held_out_error'], steps[-1]['held_out_error'])}.")
-    return [*lines, f"Noise floor: {floor}.", *summary_diagnosis(last, library, final=True)]
+        lines.append(f"In all: error {change_text(steps[0]['error'], steps[-1]['error'], units)}; "
+                     f"held-out {change_text(steps[0]['held_out_error'], steps[-1]['held_out_error'], units)}.")
+    lines.append(f"Noise floor: {errors_text(last['noise_floor'], units)}.")
+    return [*lines, *summary_diagnosis(last, library, final=True)]
 
 
-def _step(before, step, first, parameters, library):
+def _step(before, step, first, parameters, library, units):
     """An effect that was added: its coefficients in the final model, what was expected of it, and what it brought."""
     name, place = step["added"]["effect"], step["added"]["place"]
     found = next((c for c in first["candidates"] if c["accepted"] and (c["effect"], c["place"]) == (name, place)), None)
@@ -411,11 +413,34 @@ def _step(before, step, first, parameters, library):
     sure = f" (p = {number(found['p_value'])} family-wise)" if found else ""
     first_one = before["added"] is None
     lines = [f"{'Missing' if first_one else 'Then missing'}: {name} at {place}{sure}. {numbers}.",
-             f"  Error {change_text(before['error'], step['error'])}"
-             + (f" (predicted {errors_text(step['predicted_error'])})" if step["predicted_error"] else "")
-             + (f"; held-out {change_text(before['held_out_error'], step['held_out_error'])}"
+             f"  Error {change_text(before['error'], step['error'], units)}"
+             + (f" (predicted {errors_text(step['predicted_error'], units)})" if step["predicted_error"] else "")
+             + (f"; held-out {change_text(before['held_out_error'], step['held_out_error'], units)}"
                 if step["held_out_error"] else "") + "."]
     return lines + (alternatives_text(found, library) if found else [])
+
+
+def summary_addition(made):
+    """What was added because it was asked for, and how well the data support it.
+
+    Parameters
+    ----------
+    made : Addition
+        Of `pycosim.diagnosis.search.add`.
+
+    Returns
+    -------
+    list of str
+    """
+    effect, place = made.step.added
+    lines = [f"Added {effect} at {place}" + (f", the best of {', '.join(made.tried)} by cross-validation."
+                                             if len(made.tried) > 1 else ".")]
+    if made.finding is not None and made.finding.p_value >= LEVEL:
+        lines.append(f"These data do not ask for it: p = {made.finding.p_value:.3g} family-wise.")
+    if made.hidden:
+        lines.append(f"These data can hardly show it ({made.hidden['why']}); its coefficients mean little. "
+                     f"To see it: {made.hidden['experiment']}.")
+    return lines
 
 
 def summary_comparison(result, most=3):
@@ -432,9 +457,10 @@ def summary_comparison(result, most=3):
     -------
     list of str
     """
-    lines = [f"Error: {errors_text(result['error'])} (RMSE of moving samples, all passes)."]
+    lines = [f"Error: {errors_text(result['error'], result['units'])} (RMSE of moving samples, all passes)."]
     if result.get("error_as_given"):
-        lines.append(f"With the study's own values, nothing fitted: {errors_text(result['error_as_given'])}.")
+        given = errors_text(result["error_as_given"], result["units"])
+        lines.append(f"With the study's own values, nothing fitted: {given}.")
     for channel, whole in result["error"].items():
         spread = []
         for name, groups in result["by"].items():
@@ -446,7 +472,7 @@ def summary_comparison(result, most=3):
         if worst:
             lines.append(f"{channel} is worst where " + "; ".join(
                 f"{_article(name)}{worded(name)} is {label}{_unit(result['units'].get(name, ''))} "
-                f"({number(value)}{_unit(_unit_of(channel))})" for _, name, label, value in worst) + ".")
+                f"({number(value)}{_unit(result['units'][channel])})" for _, name, label, value in worst) + ".")
     return lines
 
 

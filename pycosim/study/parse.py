@@ -11,8 +11,26 @@ from pathlib import Path
 
 from ..core import units
 from ..core.errors import BoundsError, StudyError, closest
-from .schema import (COLUMN_KEYS, Column, DATA_KEYS, DROP_OUTS, EFFECT_KEYS, FIT_KEYS, LIMIT_KEYS, MOST, READERS,
-                     REFERENCES, RIG_KEYS, SETTING_KEYS, Setting, Study, TABLES, TOP_KEYS, known_unit, refuse_twice)
+from .schema import (
+    COLUMN_KEYS,
+    DATA_KEYS,
+    DROP_OUTS,
+    EFFECT_KEYS,
+    FIT_KEYS,
+    LIMIT_KEYS,
+    MOST,
+    READERS,
+    REFERENCES,
+    RIG_KEYS,
+    SETTING_KEYS,
+    TABLES,
+    TOP_KEYS,
+    Column,
+    Setting,
+    Study,
+    known_unit,
+    refuse_twice,
+)
 from .toml import to_toml
 
 _LEAST_MOST = 100

@@ -9,7 +9,7 @@ ASYMMETRY = {"direction_asymmetry", "torque_offset"}
 
 
 def added(result):
-    return [step.added[0] for step in result.steps[1:]]
+    return [name.partition("@")[0] for name in result.added]
 
 
 def held_out(result, channel):

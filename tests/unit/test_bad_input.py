@@ -200,7 +200,7 @@ def test_no_study_is_refused(here, capsys):
     ("viscous@4A", "no place '4A' for 'viscous'"),
     ("viscous@", "no place ''"),
     ("load_dependence@1A", "fix that one first"),
-    ("stribeck@1A", "is in the study already"),
+    ("stribeck@1A", "is in the model already"),
 ])
 def test_an_effect_that_cannot_be_added_is_refused(effect, told, whole, here, capsys):
     (here / "study.toml").write_text(STUDY + EFFECT.format("stribeck", "1A"))

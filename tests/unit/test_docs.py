@@ -1,6 +1,7 @@
 """Claims about the documentation: what it names exists, its commands are there, its examples run."""
 
 import importlib.util
+import json
 import os
 import re
 import shlex
@@ -10,10 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from pycosim.cli import demo
 from pycosim.cli.parser import VERBS
 from pycosim.compile import Library, catalogue
-from pycosim.report.folder import Folder
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -22,17 +21,11 @@ EXAMPLES = [(page, k, code) for page in PAGES
             for k, code in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S))]
 
 
-@pytest.fixture(scope="module")
-def study(tmp_path_factory):
-    """Folder with a short study, as the demo makes it."""
-    with Folder(tmp_path_factory.mktemp("docs") / "study", "demo") as folder:
-        demo._make(Library(), folder, speeds=(0.4, 1.6), longest=2.0)
-    return folder.path
-
-
 @pytest.mark.parametrize("page, number, code", EXAMPLES, ids=[f"{p.stem}-{k}" for p, k, _ in EXAMPLES])
-def test_example_runs(page, number, code, study, monkeypatch, capsys):
-    monkeypatch.chdir(study)
+def test_example_runs(page, number, code, hidden, tmp_path, monkeypatch, capsys):
+    for name in ("study.toml", "run.csv"):
+        (tmp_path / name).write_bytes((hidden / name).read_bytes())
+    monkeypatch.chdir(tmp_path)
     exec(compile(code, str(page), "exec"), {"__name__": "__main__"})
     assert capsys.readouterr().out
 
@@ -161,3 +154,22 @@ def test_the_new_effect_of_contributing_is_found(tmp_path):
 def test_the_licence_is_whole():
     text = (ROOT / "LICENSE").read_text()
     assert "Apache License" in text and "END OF TERMS AND CONDITIONS" in text and len(text) > 11000
+
+
+# --- notebooks
+
+
+@pytest.mark.parametrize("notebook", sorted((ROOT / "docs").rglob("*.ipynb")), ids=lambda p: p.stem)
+def test_notebook_runs_from_a_log_to_the_missing_effect(notebook, hidden, tmp_path, monkeypatch):
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    for name in ("study.toml", "run.csv"):
+        (tmp_path / name).write_bytes((hidden / name).read_bytes())
+    told = nbformat.read(notebook, as_version=4)
+    code = [cell for cell in told.cells if cell.cell_type == "code"]
+    assert len(code) == 5 and not any(cell.outputs for cell in code)
+    nbclient.NotebookClient(told, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    last = json.dumps(code[-1].outputs)
+    assert "stribeck@2A" in last and "nothing_missing" in last and "<table" in last
+    assert any("image/png" in output.get("data", {}) for cell in code for output in cell.outputs)
+    assert (tmp_path / "report.html").exists() and (tmp_path / "improved.toml").exists()

@@ -12,6 +12,7 @@ from pycosim.diagnosis.decide import Finding, diagnose
 from pycosim.diagnosis.dependence import noise_floor
 from pycosim.diagnosis.search import Improvement, step_of
 from pycosim.fit import least_squares
+from pycosim.project import Search, open_project
 from pycosim.report import charts, figures, records, sentences
 from pycosim.report.folder import Folder
 from pycosim.report.values import PIXELS, envelope
@@ -113,7 +114,7 @@ def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
 
 def test_the_demo_tells_what_was_found_and_what_was_hidden(dataset, improvement):
     said = []
-    demo._tell(dataset, improvement, lambda *lines: said.extend(lines))
+    demo._tell(Search(open_project(dataset.study), improvement), lambda *lines: said.extend(lines))
     effect, place, _ = demo.HIDDEN
     told = "\n".join(said)
     assert f"Missing: {effect} at {place}" in told and f"Hidden was: {effect} at {place}" in told
@@ -141,7 +142,7 @@ def test_where_every_run_is_one_sample_no_noise_floor_is_drawn_or_told(tmp_path)
     means = Dataset(load_study(tmp_path / "study.toml"), Library())
     fit = least_squares.fit(means, means.base)
     floor = noise_floor(means, means.base, fit)
-    assert np.isnan(floor["tau"]) and sentences.errors_text(floor) == "unknown"
+    assert np.isnan(floor["tau"]) and sentences.errors_text(floor, means.units) == "unknown"
     figures.write_comparison(tmp_path, means, means.base, fit)
     bars = figures.where_it_fails(means, means.base, fit)
     assert [t.get_text() for t in bars.axes[0].get_xticklabels()] == ["screw\nbackward", "screw\nforward"]

@@ -119,7 +119,7 @@ def limits_with(hip_knee, **given):
 
 def test_stops_that_contradict_each_other_are_named(hip_knee):
     with pytest.raises(PlanError, match="min 1.8 rad of 'q_H'.* contradict each other"):
-        limits_with(hip_knee, q_H=(1.8, 2.0), q_K=(0.0, 0.1)).centre
+        limits_with(hip_knee, q_H=(1.8, 2.0), q_K=(0.0, 0.1)).centre  # noqa: B018
 
 
 def test_a_limit_of_nothing_names_the_nearest(hip_knee):
@@ -135,7 +135,7 @@ def test_a_motor_that_may_not_stand_still_is_refused(hip_knee):
 def test_missing_stops_are_asked_for(hip_knee):
     with pytest.raises(PlanError, match="q_H, q_K"):
         Workspace(hip_knee.kinematics, Limits(np.array([[1.0, 0.0]]), np.array([-1.0]), np.array([1.0]), ["q"],
-                                              *np.ones((3, 2)))).vertices
+                                              *np.ones((3, 2)))).vertices  # noqa: B018
 
 
 def test_sums_and_multiples_of_angles_are_read(hip_knee):

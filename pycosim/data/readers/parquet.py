@@ -10,7 +10,6 @@ import pandas as pd
 from ...core.errors import DataError
 from . import Table, optional
 
-
 _ROWS = 2**17  # held at a time
 
 

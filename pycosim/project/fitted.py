@@ -1,0 +1,472 @@
+"""A fitted model in; its parameters, errors and plots, a diagnosis, and the model with one more effect, out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from ..core.errors import StudyError, UnknownNameError, closest
+from ..diagnosis import compare, search
+from ..fit import draws, least_squares
+from ..report import plots, records, sentences
+from ..study.schema import Study
+from .diagnosed import Candidate, Diagnosis
+from .planned import Plan
+from .progress import finish
+from .shown import Shown
+
+if TYPE_CHECKING:
+    from ..export import Export
+    from .project import Project
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A fitted parameter.
+
+    Attributes
+    ----------
+    name, unit, description : str
+    value : float
+        In the unit, SI.
+    ci95 : (float, float)
+        95 % confidence interval, within the bounds.
+    stderr : float
+        Standard error; infinite where the data do not determine the parameter by itself.
+    at_bound : str or None
+        ``min`` or ``max``.
+    identifiable : bool
+        Whether the data determine it by itself.
+    """
+
+    name: str
+    value: float
+    ci95: tuple[float, float]
+    stderr: float
+    unit: str
+    at_bound: str | None
+    identifiable: bool
+    description: str
+
+    def __float__(self) -> float:
+        return self.value
+
+
+class Parameters(Mapping[str, Parameter], Shown):
+    """Fitted parameters by name; a mistyped one is answered with the nearest.
+
+    Parameters
+    ----------
+    known : dict of str to Parameter
+    """
+
+    def __init__(self, known: dict[str, Parameter]):
+        self._known = known
+
+    def __getitem__(self, name: str) -> Parameter:
+        if name not in self._known:
+            raise UnknownNameError(f"no fitted parameter '{name}'{closest(name, self._known)}")
+        return self._known[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def _headline(self) -> str:
+        return ", ".join(f"{n} = {p.value:.4g}{'' if p.unit == '1' else ' ' + p.unit}" for n, p in self.items())
+
+    def to_frame(self) -> Any:
+        """The parameters as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by parameter: value, ci95_low, ci95_high, stderr, unit, at_bound, identifiable, description.
+        """
+        rows = [{"parameter": n, "value": p.value, "ci95_low": p.ci95[0], "ci95_high": p.ci95[1], "stderr": p.stderr,
+                 "unit": p.unit, "at_bound": p.at_bound, "identifiable": p.identifiable, "description": p.description}
+                for n, p in self.items()]
+        columns = ["parameter", "value", "ci95_low", "ci95_high", "stderr", "unit", "at_bound", "identifiable",
+                   "description"]
+        return pd.DataFrame(rows, columns=columns).set_index("parameter")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Shown):
+    """Errors of a model, whole and by groups of samples.
+
+    Attributes
+    ----------
+    record : dict
+        ``comparison.json``.
+    """
+
+    record: dict[str, Any]
+
+    @property
+    def error(self) -> dict[str, float]:
+        """RMSE of each channel over the moving samples."""
+        return dict(self.record["error"])
+
+    @property
+    def sentences(self) -> list[str]:
+        """The errors, and where they are largest, in words."""
+        return sentences.summary_comparison(self.record)
+
+    def _headline(self) -> str:
+        return sentences.errors_text(self.record["error"], self.record["units"])
+
+    def to_frame(self) -> Any:
+        """Errors as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row a grouping, group and channel: rmse, unit.
+
+        Examples
+        --------
+        >>> import pycosim as pc
+        >>> table = pc.open("study.toml").compare().to_frame()
+        >>> list(table.columns)
+        ['grouping', 'group', 'channel', 'rmse', 'unit']
+        """
+        units = self.record["units"]
+        rows = [("all", "all", c, v, units[c]) for c, v in self.record["error"].items()]
+        rows += [(name, group, c, v, units[c]) for name, groups in self.record["by"].items()
+                 for group, error in groups.items() for c, v in error.items()]
+        return pd.DataFrame(rows, columns=["grouping", "group", "channel", "rmse", "unit"])
+
+    def to_xarray(self) -> Any:
+        """Errors with named dimensions.
+
+        Returns
+        -------
+        xarray.Dataset
+            A variable a grouping, over its groups (in their order) and the channels.
+
+        Raises
+        ------
+        UnknownNameError
+            xarray is not installed.
+        """
+        try:
+            import xarray  # type: ignore[import-not-found, unused-ignore]
+        except ModuleNotFoundError:
+            raise UnknownNameError("xarray is not installed; pip install xarray, or use to_frame()") from None
+        found = {}
+        for name, groups in self.record["by"].items():
+            channels = list(dict.fromkeys(c for error in groups.values() for c in error))
+            values = [[error.get(c, np.nan) for c in channels] for error in groups.values()]
+            if groups:
+                found[name] = xarray.DataArray(values, dims=(f"{name} group", "channel"),
+                                               coords={f"{name} group": list(groups), "channel": channels})
+        return xarray.Dataset(found, attrs={"units": str(self.record["units"])})
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fitted(Shown):
+    """A fitted model.
+
+    Attributes
+    ----------
+    project : Project
+    model : Model
+        The rig with its effects.
+    solution : Fit
+        All that the fit knows: covariance, undetermined directions, noise.
+    notes : tuple of str
+        What must be said of an effect that was added last.
+    reached : pycosim.diagnosis.search.Step or None
+        How the model was come to, where that is known.
+    """
+
+    project: Project
+    model: Any
+    solution: Any
+    notes: tuple[str, ...] = ()
+    reached: Any = None
+
+    # ---- what it is
+
+    @property
+    def dataset(self) -> Any:
+        """The logs, arranged for a fit."""
+        return self.project.dataset
+
+    @property
+    def effects(self) -> list[str]:
+        """Effects in the model, as ``stribeck@2A``."""
+        return [f"{e.id}@{p.name}" for e, p in self.model.attached]
+
+    @cached_property
+    def params(self) -> Parameters:
+        """Fitted parameters by name.
+
+        Examples
+        --------
+        >>> import pycosim as pc
+        >>> fit = pc.open("study.toml").fit()
+        >>> low, high = fit.params["s1A.f0"].ci95
+        >>> low < fit.params["s1A.f0"].value < high
+        True
+        """
+        s = self.solution
+        return Parameters({n: Parameter(
+            n, float(s.parameters[n]), (s.interval(n)[0], s.interval(n)[1]),
+            float(s.stderr[k]) if s.identifiable(n) else float("inf"), s.variables[n].unit, s.at_bound(n),
+            s.identifiable(n), s.variables[n].description) for k, n in enumerate(s.free)})
+
+    @property
+    def error(self) -> dict[str, float]:
+        """RMSE of each channel over the moving samples that were fitted."""
+        return dict(self.step.error)
+
+    @property
+    def held_out_error(self) -> dict[str, float]:
+        """RMSE of each channel over the moving samples that were held out; empty where none were."""
+        return dict(self.step.held_out_error)
+
+    @cached_property
+    def step(self) -> Any:
+        """The fit as a step of a search, with its errors."""
+        if self.reached is not None:
+            return self.reached
+        self.project.say("computing errors")
+        return search.step_of(self.dataset, self.model, self.solution)
+
+    @cached_property
+    def study(self) -> Study:
+        """The study with this model's effects, and the fitted values to start from."""
+        made: Study = records.improved_study(self.project.study, self.model, self.solution)
+        return made
+
+    @cached_property
+    def _record(self) -> dict[str, Any]:
+        made: dict[str, Any] = records.parameters(self.solution, self.model, self.project.study.seed)
+        return made
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fit as ``parameters.json`` has it.
+
+        Returns
+        -------
+        dict
+        """
+        return dict(self._record)
+
+    def to_frame(self) -> Any:
+        """The parameters as a table; see `Parameters.to_frame`.
+
+        Returns
+        -------
+        pandas.DataFrame
+        """
+        return self.params.to_frame()
+
+    @property
+    def sentences(self) -> list[str]:
+        """Parameters with intervals, and what the data cannot tell, in words."""
+        return sentences.summary_parameters(self._record)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Whether a slip in the study or the log is likelier than a missing effect, in words."""
+        return sentences.summary_doubt(self.dataset, self.solution)
+
+    @property
+    def undetermined(self) -> list[str]:
+        """Combinations of parameters that these data do not determine, in words."""
+        return list(dict.fromkeys(d["text"] for d in self._record["null_directions"]))
+
+    def _headline(self) -> str:
+        parts = [self.project.study.name, f"{len(self.params)} parameters", *self.effects]
+        return f"{', '.join(parts)}; error {sentences.errors_text(self.solution.error, self.dataset.units)}"
+
+    @property
+    def plot(self) -> plots.FitPlots:
+        """Plots: ``over_time``, ``residuals``, ``where_it_fails``, ``map``, ``intervals``, ``manoeuvres``."""
+        return plots.FitPlots(self.dataset, self.model, self.solution, self._record)
+
+    # ---- what it does
+
+    def compare(self, part: str = "all", given: bool = False) -> Comparison:
+        """Errors, and where they are.
+
+        Parameters
+        ----------
+        part : str
+            ``fit``, ``test`` or ``all`` samples.
+        given : bool
+            Add the errors with the study's own values, nothing fitted.
+
+        Returns
+        -------
+        Comparison
+        """
+        result = compare.compare(self.dataset, self.model, self.solution, part)
+        if given:
+            before = least_squares.fit(self.dataset, self.model, free=[])
+            result["error_as_given"] = compare.errors(self.dataset, self.model, before, part)
+        return Comparison(records.plain(result))
+
+    def diagnose(self) -> Diagnosis:
+        """Which effect the model lacks, where, how sure; or nothing; or nothing known.
+
+        Returns
+        -------
+        Diagnosis
+            The same object each time: chance is drawn from the study's seed.
+
+        Examples
+        --------
+        >>> import pycosim as pc
+        >>> found = pc.open("study.toml").fit().diagnose()
+        >>> found.verdict, found.best.name
+        ('missing_effect', 'stribeck@2A')
+        """
+        return self._diagnosis
+
+    @cached_property
+    def _diagnosis(self) -> Diagnosis:
+        found = search.diagnosed(self.dataset, self.model, self.solution, self.project.study.seed, self.project.say)
+        made = Diagnosis(self, found)
+        if found.winner is not None and self.dataset.is_test.any():
+            found.winner.held_out_error = self.add(made.candidates[found.winner.key]).held_out_error
+        finish(self.project.say)
+        return made
+
+    def add(self, effect: str | Candidate) -> Fitted:
+        """The model with one more effect, fitted.
+
+        Parameters
+        ----------
+        effect : str or Candidate
+            As ``stribeck@2A``; ``stribeck`` alone tries every place and takes the best by cross-validation.
+
+        Returns
+        -------
+        Fitted
+            A new object; `notes` says how well the data support it.
+
+        Raises
+        ------
+        UnknownNameError
+            No such effect or place.
+        StudyError
+            It is in the model already, or does what a free parameter does.
+
+        Examples
+        --------
+        >>> import pycosim as pc
+        >>> fit = pc.open("study.toml").fit()
+        >>> better = fit.add("stribeck@2A")
+        >>> better.error["C_H"] < 0.7 * fit.error["C_H"]
+        True
+        >>> fit.effects, better.effects
+        ([], ['stribeck@2A'])
+        """
+        text = effect if isinstance(effect, str) else effect.name
+        study = replace(self.project.study, effects=[(e.id, p.name) for e, p in self.model.attached])
+        name, places = search.addable(study, self.project.library, self.model, text)
+        found = effect.diagnosis.found if isinstance(effect, Candidate) else self.diagnose().found
+        made = search.add(self.dataset, self.model, self.solution, name, places, found, self.project.say)
+        if made is None:
+            raise StudyError(f"{study.path}: '{name}' cannot be fitted at any place of {study.rig} on these data")
+        finish(self.project.say)
+        return Fitted(self.project, made.step.model, made.step.fit, tuple(sentences.summary_addition(made)), made.step)
+
+    def plan(self, goal: str = "parameters", budget: float = 120.0, rate: float = 100.0,
+             criterion: str = "intervals", between: Sequence[str] | None = None) -> Plan:
+        """The next experiment, from what these data tell; parameters as for `Project.plan`.
+
+        Parameters
+        ----------
+        goal : str
+        budget : float
+            [s]
+        rate : float
+            [Hz]
+        criterion : str
+        between : pair of str, optional
+
+        Returns
+        -------
+        Plan
+
+        Raises
+        ------
+        PlanError
+        """
+        return Plan.made(self.project, self.study, self.model, self.dataset, self.solution, goal, budget, rate,
+                         criterion, between)
+
+    def draw(self, n: int, bounded: bool = True, seed: int | None = None) -> Any:
+        """Parameter sets that the data allow.
+
+        Parameters
+        ----------
+        n : int
+        bounded : bool
+            Keep within the bounds.
+        seed : int, optional
+            The study's by default.
+
+        Returns
+        -------
+        Draws
+            See `pycosim.fit.draws.draw`.
+        """
+        return draws.draw(self.solution, n, bounded, self.project.study.seed if seed is None else seed)
+
+    def export(self, folder: str | PathLike[str], to: str = "fmu", fmi: int = 2, kinds: Sequence[str] = ("cs", "me"),
+               platforms: str = "host", real: str = "double") -> Export:
+        """The fitted machine for another tool; parameters as for `Project.export`.
+
+        Parameters
+        ----------
+        folder : path
+        to : str
+        fmi : int
+        kinds : sequence of str
+        platforms : str
+        real : str
+
+        Returns
+        -------
+        Export
+        """
+        from .project import exported
+        model = self.study.validate(self.project.library)
+        return exported(self.study, model, folder, to, fmi, kinds, platforms, real)
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the study with this model's effects and the fitted values; ``pycosim.open`` reads it.
+
+        Parameters
+        ----------
+        path : path
+            Another file than the study was read from, which is never changed.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        StudyError
+        """
+        from .project import saved
+        return saved(self.study, self.project.study, path)

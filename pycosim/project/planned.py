@@ -1,0 +1,121 @@
+"""What is known of a rig in; the next experiment, as a table, a file and plots, out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from ..core.errors import StudyError
+from ..design import plan as planning
+from ..report import plan_results, plots
+from .progress import finish
+from .shown import Shown
+
+if TYPE_CHECKING:
+    from .project import Project
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Shown):
+    """The next experiment: a motion of the motors within the study's limits.
+
+    Attributes
+    ----------
+    planned : pycosim.design.plan.Plan
+    """
+
+    planned: Any
+
+    @classmethod
+    def made(cls, project: Project, study: Any, model: Any, dataset: Any, solution: Any, goal: str, budget: float,
+             rate: float, criterion: str, between: Sequence[str] | None) -> Plan:
+        """Plan from what is known.
+
+        Parameters
+        ----------
+        project : Project
+        study : Study
+        model : Model
+        dataset : Dataset or None
+        solution : Fit or None
+        goal, budget, rate, criterion, between
+            As for `Project.plan`.
+
+        Returns
+        -------
+        Plan
+        """
+        known = planning.known(study, project.library, model, dataset, solution)
+        blocks = None
+        if between:
+            keys = [tuple(text.partition("@")[::2]) for text in between]
+            blocks, goal = planning.twins_of(known, [keys], project.say), "twins"
+        found = planning.make_plan(known, goal, budget, rate, blocks, criterion, project.say)
+        finish(project.say)
+        return cls(found)
+
+    @cached_property
+    def _record(self) -> dict[str, Any]:
+        made: dict[str, Any] = plan_results.plan(self.planned)
+        return made
+
+    def to_dict(self) -> dict[str, Any]:
+        """The plan as ``plan.json`` has it.
+
+        Returns
+        -------
+        dict
+        """
+        return dict(self._record)
+
+    def to_frame(self) -> Any:
+        """The motion as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row a sample: time [s], angle [rad] and speed [rad/s] of each motor, the label of the stroke.
+        """
+        return pd.DataFrame(planning.table(self.planned))
+
+    def to_csv(self, path: str | PathLike[str]) -> Path:
+        """Write the motion, as ``plan.csv``: a drive can follow it, and a scenario of co-simulation.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        StudyError
+            The file cannot be written.
+        """
+        target = Path(path)
+        try:
+            target.write_text(plan_results.csv(self.planned), encoding="utf-8")
+        except OSError as error:
+            raise StudyError(f"{path}: cannot be written ({error.strerror})") from None
+        return target
+
+    @property
+    def sentences(self) -> list[str]:
+        """The experiment in words: how long, which lines, what it will tell."""
+        return plan_results.summary(self._record)
+
+    def _headline(self) -> str:
+        return self.sentences[0]
+
+    @property
+    def plot(self) -> plots.PlanPlots:
+        """Plots of the plan: ``motion``, ``workspace``, ``domains``, ``intervals``."""
+        return plots.PlanPlots(self.planned)

@@ -1,0 +1,67 @@
+"""Sentences on what long work is doing in; a line in a notebook, or silence, out."""
+
+from __future__ import annotations
+
+import html
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+Say = Callable[[str], None]
+"""Called with a sentence before each stage of long work."""
+
+
+class NotebookLine:
+    """One line below a notebook's cell, which says what is going on and goes when it is done."""
+
+    def __init__(self) -> None:
+        self._handle: Any = None
+        self._began = 0.0
+
+    def __call__(self, text: str) -> None:
+        from IPython.display import HTML, display  # type: ignore[import-not-found, unused-ignore]
+        if self._handle is None:
+            self._handle, self._began = display(HTML(""), display_id=True), time.monotonic()
+        self._handle.update(HTML(f"<small>{html.escape(text)} ({time.monotonic() - self._began:.0f} s)</small>"))
+
+    def done(self) -> None:
+        """Take the line away."""
+        if self._handle is not None:
+            from IPython.display import HTML  # type: ignore[import-not-found, unused-ignore]
+            self._handle.update(HTML(""))
+            self._handle = None
+
+
+def usual() -> Say:
+    """What a project says its stages to when nothing is given.
+
+    Returns
+    -------
+    callable
+        A `NotebookLine` in a notebook; elsewhere it says nothing.
+    """
+    interactive = sys.modules.get("IPython")
+    shell = interactive.get_ipython() if interactive else None
+    return NotebookLine() if shell is not None and hasattr(shell, "kernel") else silent
+
+
+def silent(text: str) -> None:
+    """Say nothing.
+
+    Parameters
+    ----------
+    text : str
+    """
+
+
+def finish(say: Say) -> None:
+    """Say that the work is done.
+
+    Parameters
+    ----------
+    say : callable
+    """
+    done = getattr(say, "done", None)
+    if done is not None:
+        done()

@@ -1,0 +1,433 @@
+"""A study file and logs in; a project, from which everything else starts, out."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import pandas as pd
+
+from ..compile import Library
+from ..core.errors import StudyError
+from ..data.dataset import Dataset
+from ..data.frames import Frame
+from ..diagnosis import search
+from ..export import Export, export
+from ..fit import least_squares
+from ..report import sentences
+from ..report.folder import Folder
+from ..study.parse import load_study
+from ..study.schema import Study
+from ..study.write import write_study
+from .diagnosed import Diagnosis
+from .fitted import Comparison, Fitted
+from .planned import Plan
+from .progress import Say, finish, usual
+from .searched import Search
+from .shown import Shown
+
+AnyPath: TypeAlias = str | os.PathLike[str]
+Data: TypeAlias = AnyPath | pd.DataFrame | Sequence[AnyPath | pd.DataFrame] | Mapping[str, pd.DataFrame]
+
+
+def open_project(study: AnyPath | Study, data: Data | None = None, progress: Say | None = None,
+                 robust: bool = False) -> Project:
+    """Open a study; as ``pycosim.open``.
+
+    The study is checked against the Modelica library and the study's own files: a mistyped parameter, effect, place,
+    variable or unit is refused here. Logs are read when they are first needed.
+
+    Parameters
+    ----------
+    study : path or Study
+        Study file (TOML).
+    data : path, pandas.DataFrame, list of these, or dict of str to pandas.DataFrame, optional
+        Logs instead of the study's own. The columns of a table are named as those of a file would be.
+    progress : callable, optional
+        Called with a sentence before each stage of long work. A line below the cell in a notebook by default.
+    robust : bool
+        Count samples that are far out for less, as ``[fit] robust = true`` in the study does.
+
+    Returns
+    -------
+    Project
+
+    Raises
+    ------
+    StudyError
+        The study is missing, broken, or contradicts itself.
+    UnknownNameError
+        Something in it has a name that its rig or the library does not have.
+    BoundsError
+        A value outside the bounds of its parameter.
+
+    Examples
+    --------
+    >>> import pycosim as pc
+    >>> pc.open("study.toml")
+    <Project: study, HipKnee, 8 free parameters, 1 log>
+
+    The same on a table in memory:
+
+    >>> import pandas as pd
+    >>> pc.open("study.toml", data=pd.read_csv("run.csv"))
+    <Project: study, HipKnee, 8 free parameters, 1 log>
+    """
+    given: Study = study if isinstance(study, Study) else load_study(study)
+    if data is not None:
+        given = _with(given, data)
+    if robust:
+        given = replace(given, robust=True)
+    library = Library(given.modelica)
+    return Project(given, library, given.validate(library), progress or usual())
+
+
+def _with(study: Study, data: Data) -> Study:
+    """A study on other logs."""
+    if isinstance(data, Mapping):
+        items: list[Any] = [Frame(name, frame) for name, frame in data.items()]
+    elif isinstance(data, (str, os.PathLike, pd.DataFrame)):
+        items = [data]
+    else:
+        items = list(data)
+    frames = [i for i in items if isinstance(i, (Frame, pd.DataFrame))]
+    if not frames:
+        return study.with_data([os.fspath(i) for i in items])
+    made = [i if isinstance(i, Frame) else Frame("table" if len(frames) < 2 else f"table {k}", i.copy())
+            for k, i in enumerate(frames, 1)]
+    files = [Path(os.fspath(i)).absolute() for i in items if not isinstance(i, (Frame, pd.DataFrame))]
+    return replace(study, runs=[*files, *made], held_out=[])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Project(Shown):
+    """A study, checked, with its rig and its logs. Nothing in it changes; what it gives are new objects.
+
+    Attributes
+    ----------
+    study : Study
+    library : Library
+        Modelica classes: the package's own, and the study's.
+    model : Model
+        The rig with the study's effects.
+    say : callable
+        Told the stages of long work.
+    """
+
+    study: Study
+    library: Any
+    model: Any
+    say: Say
+
+    # ---- what it is
+
+    def _headline(self) -> str:
+        free = sum(s.fixed is False for s in self.study.parameters.values())
+        logs = len(self.study.runs) + len(self.study.held_out)
+        parts = [self.study.name, self.study.rig.rsplit(".", 1)[-1],
+                 f"{free} free {'parameter' if free == 1 else 'parameters'}",
+                 f"{logs or 'no'} {'log' if logs == 1 else 'logs'}"]
+        return ", ".join([*parts, *(f"{e}@{p}" for e, p in self.study.effects)])
+
+    def to_frame(self) -> Any:
+        """What the study says of the rig's parameters.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by parameter: value, min, max (SI), unit, and whether it is fitted.
+        """
+        rows = {}
+        for name, setting in self.study.parameters.items():
+            known = self.model.parameters[name]
+            rows[name] = {k: getattr(known if getattr(setting, k) is None else setting, k)
+                          for k in ("value", "min", "max")} | {"unit": known.unit, "fitted": setting.fixed is False}
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
+
+    @cached_property
+    def dataset(self) -> Dataset:
+        """The logs, checked and arranged for a fit; read once."""
+        self.say("reading the logs")
+        made = Dataset(self.study, self.library)
+        finish(self.say)
+        return made
+
+    @property
+    def sentences(self) -> list[str]:
+        """What was used of the logs, in words."""
+        return sentences.summary_data(self.dataset)
+
+    def with_data(self, data: Data) -> Project:
+        """The same project on other logs.
+
+        Parameters
+        ----------
+        data : path, pandas.DataFrame, list of these, or dict of str to pandas.DataFrame
+
+        Returns
+        -------
+        Project
+        """
+        return replace(self, study=_with(self.study, data))
+
+    # ---- what it does
+
+    def fit(self) -> Fitted:
+        """Fit the study's free parameters.
+
+        Returns
+        -------
+        Fitted
+            The same object each time: a fit has no chance in it.
+
+        Raises
+        ------
+        DataError
+            A log cannot be used.
+
+        Examples
+        --------
+        >>> import pycosim as pc
+        >>> fit = pc.open("study.toml").fit()
+        >>> fit.params["s1A.f0"].unit
+        'N.m'
+        """
+        return self._fitted
+
+    @cached_property
+    def _fitted(self) -> Fitted:
+        dataset = self.dataset
+        self.say("fitting")
+        made = Fitted(self, self.model, least_squares.fit(dataset, self.model))
+        finish(self.say)
+        return made
+
+    def as_given(self) -> Fitted:
+        """The model with the study's own values, nothing fitted.
+
+        Returns
+        -------
+        Fitted
+        """
+        return Fitted(self, self.model, least_squares.fit(self.dataset, self.model, free=[]))
+
+    def compare(self) -> Comparison:
+        """Errors of the fitted model, and where they are; see `Fitted.compare`.
+
+        Returns
+        -------
+        Comparison
+        """
+        return self.fit().compare()
+
+    def diagnose(self) -> Diagnosis:
+        """Which effect the fitted model lacks; see `Fitted.diagnose`.
+
+        Returns
+        -------
+        Diagnosis
+        """
+        return self.fit().diagnose()
+
+    def improve(self) -> Search:
+        """Diagnose, add, refit, until no effect is accepted.
+
+        Returns
+        -------
+        Search
+
+        Raises
+        ------
+        DataError
+            A log cannot be used.
+
+        Examples
+        --------
+        >>> import pycosim as pc
+        >>> found = pc.open("study.toml").improve()
+        >>> [step.added for step in found.steps]
+        [None, 'stribeck@2A']
+        >>> found.verdict
+        'nothing_missing'
+        """
+        dataset = self.dataset
+        made = Search(self, search.improve(dataset, self.model, self.study.seed, self.say))
+        finish(self.say)
+        return made
+
+    def places(self, effect: str) -> tuple[str, list[str]]:
+        """Where an effect can still be added.
+
+        Parameters
+        ----------
+        effect : str
+            As ``stribeck@2A``, or ``stribeck`` for all its places.
+
+        Returns
+        -------
+        effect : str
+        places : list of str
+
+        Raises
+        ------
+        UnknownNameError, StudyError
+            It cannot be added there.
+        """
+        return search.addable(self.study, self.library, self.model, effect)
+
+    def plan(self, goal: str = "parameters", budget: float = 120.0, rate: float = 100.0,
+             criterion: str = "intervals", between: Sequence[str] | None = None) -> Plan:
+        """The next experiment, from what is known by now; from the study alone where it has no logs.
+
+        Parameters
+        ----------
+        goal : str
+            ``parameters`` narrows intervals, ``twins`` separates what a diagnosis could not, ``detect`` shows what no
+            data could.
+        budget : float
+            Longest duration [s].
+        rate : float
+            Samples a second [Hz].
+        criterion : str
+            Of the parameters: ``intervals``, ``D`` or ``E``.
+        between : pair of str, optional
+            Separate these two, as ``("stribeck@2A", "viscous@2A")``, whatever a diagnosis says.
+
+        Returns
+        -------
+        Plan
+
+        Raises
+        ------
+        PlanError
+            The limits leave no experiment, or nothing can be learnt.
+        """
+        if self.study.runs or self.study.held_out:
+            return self.fit().plan(goal, budget, rate, criterion, between)
+        return Plan.made(self, self.study, self.model, None, None, goal, budget, rate, criterion, between)
+
+    def report(self, path: AnyPath) -> Path:
+        """Search, and write the page that tells it; see `Search.report`.
+
+        Parameters
+        ----------
+        path : path
+            The HTML file.
+
+        Returns
+        -------
+        Path
+        """
+        return self.improve().report(path)
+
+    def export(self, folder: AnyPath, to: str = "fmu", fmi: int = 2, kinds: Sequence[str] = ("cs", "me"),
+               platforms: str = "host", real: str = "double") -> Export:
+        """The machine with the study's values, for another tool.
+
+        Parameters
+        ----------
+        folder : path
+            Made, or replaced whole where an export made it.
+        to : str
+            ``fmu``, ``c``, ``modelica``, ``ssp``, ``mujoco`` or ``json``.
+        fmi : int
+            2 or 3.
+        kinds : sequence of str
+            ``cs`` (co-simulation), ``me`` (model exchange).
+        platforms : str
+            ``host`` or ``all``.
+        real : str
+            ``double`` or ``float``, of the C export.
+
+        Returns
+        -------
+        Export
+
+        Raises
+        ------
+        ExportError, StudyError
+        """
+        return exported(self.study, self.model, folder, to, fmi, kinds, platforms, real)
+
+    def save(self, path: AnyPath) -> Path:
+        """Write the study; ``pycosim.open`` reads it again.
+
+        Parameters
+        ----------
+        path : path
+            Another file than the study was read from, which is never changed.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        StudyError
+        """
+        return saved(self.study, self.study, path)
+
+    @property
+    def command(self) -> str:
+        """The command that makes a report of this study and these logs."""
+        kept = load_study(self.study.path)
+        own = (kept.runs, kept.held_out) == (self.study.runs, self.study.held_out)
+        files = (*self.study.runs, *self.study.held_out)
+        data = [] if own else ["--data", *(str(p) if isinstance(p, Frame) else os.path.relpath(p) for p in files)]
+        robust = ["--robust"] if self.study.robust and not kept.robust else []
+        return shlex.join(["pycosim", "report", self.study.path.name, *robust, *data])
+
+
+def exported(study: Study, model: Any, folder: AnyPath, to: str, fmi: int, kinds: Sequence[str], platforms: str,
+             real: str) -> Export:
+    """Write a machine for another tool into a folder of results.
+
+    Parameters
+    ----------
+    study : Study
+    model : Model
+    folder : path
+    to, fmi, kinds, platforms, real
+        As for `Project.export`.
+
+    Returns
+    -------
+    Export
+    """
+    with Folder(folder, "export", study.path, ("export.json",)) as made:
+        done = export(study, model, made.temporary, to, fmi, list(kinds), platforms, real)
+        made.write("export.json", done.description)
+    return done
+
+
+def saved(study: Study, given: Study, path: AnyPath) -> Path:
+    """Write a study beside the one it comes from.
+
+    Parameters
+    ----------
+    study : Study
+        Its tables in memory are left out.
+    given : Study
+        The one it comes from.
+    path : path
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    StudyError
+        The file is the given study, or cannot be written.
+    """
+    target = Path(path).absolute()
+    if target.exists() and target.resolve() == given.path.resolve():
+        raise StudyError(f"{path}: is the given study, which is never changed; save under another name")
+    runs, held_out = ([p for p in files if not isinstance(p, Frame)] for files in (study.runs, study.held_out))
+    written: Path = write_study(replace(study, runs=runs, held_out=held_out), target)
+    return written
