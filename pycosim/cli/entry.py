@@ -45,6 +45,8 @@ def run_verb(arguments, progress):
         return (out / VERBS["demo"][1]).read_text(encoding="utf-8") if arguments.json else ""
     if arguments.verb == "cosim":
         return verbs.cosim(arguments, progress)
+    if arguments.verb == "identify" and arguments.fmu:
+        return verbs.calibrate(arguments, progress)
     if arguments.verb == "app":
         verbs.app(arguments, progress)
         return ""

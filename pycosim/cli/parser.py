@@ -53,7 +53,7 @@ WRITES = {
 }
 # option of export: what it may be, what it is when not given, what it means
 EXPORT = {
-    "--to": (("fmu", "c", "modelica", "ssp", "mujoco", "mujoco-plugin", "json"), "fmu", "what to write"),
+    "--to": (("fmu", "c", "modelica", "ssp", "mujoco", "mujoco-plugin", "jax", "json"), "fmu", "what to write"),
     "--fmi": (("2", "3"), "2", "version of the FMU"),
     "--type": (("cs,me", "cs", "me"), "cs,me", "co-simulation, model exchange, or both in one file"),
     "--platforms": (("host", "all"), "host", "binaries for this machine, or for linux, windows and macOS"),
@@ -121,6 +121,9 @@ def build_parser():
         if verb == "app":
             sub.add_argument("--port", type=int, default=8080, metavar="N", help="port of the page (default: 8080)")
             sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
+        if verb == "identify":
+            sub.add_argument("--fmu", metavar="FILE", help="fit the parameters of this FMU instead of the rig's; the "
+                             "study's columns and parameters are its variables")
         if verb == "add":
             sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
         for option, (choices, usual, meaning) in (EXPORT if verb == "export" else {}).items():
@@ -195,6 +198,7 @@ def parse(argv):
         known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
         known += EXPORT if known and arguments.verb == "export" else []
         known += ["--robust"] if known and arguments.verb in ROBUST else []
+        known += ["--fmu"] if known and arguments.verb == "identify" else []
         known += PLAN if known and arguments.verb == "plan" else []
         if known and arguments.verb == "cosim":
             known += ["--until", "--resume", "--checkpoint-every", "--allow-python"]

@@ -264,6 +264,46 @@ def cosim(arguments, progress):
     return "\n".join([*lines, f"Took {took:.1f} s.", f"Results in {out}: {', '.join(folder.files)}", ""])
 
 
+def calibrate(arguments, progress):
+    """Fit the parameters of anyone's FMU.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    progress : callable
+
+    Returns
+    -------
+    str
+        Text for stdout.
+    """
+    from ..cosim.calibrate import calibrate as fitted
+    from ..cosim.calibrated import write_calibrated
+    from ..study.parse import load_study
+    start, study = time.monotonic(), load_study(arguments.study)
+    study = study.with_data(arguments.data) if arguments.data else study
+    out, fmu = Path(arguments.out or f"{study.name}_identify"), Path(arguments.fmu)
+    made = ("parameters.json", "comparison.json", "calibrated.ssv", "calibrated.ssm", "calibrated.ssp",
+            f"{fmu.stem}_calibrated.fmu")
+    with Folder(out, "identify", study.path, made) as folder:
+        found = fitted(study, fmu, progress)
+        result = records.parameters(found.fit, None, study.seed)
+        folder.write("parameters.json", result)
+        folder.write("comparison.json", records.plain({
+            "schema": records.SCHEMA, "fmu": fmu.name, "derivatives": found.method, "before": found.before,
+            "after": found.after}))
+        for name in write_calibrated(fmu, found, folder.temporary):
+            folder.file(name)
+    if arguments.json:
+        return records.to_json(result)
+    errors = [f"Error of {n} ({kind.replace('_', ' ')} logs): {found.before[kind][n]:.4g} before, {e:.4g} after."
+              for kind, channels in found.after.items() for n, e in channels.items()]
+    took = time.monotonic() - start
+    return "\n".join([*found.notes, *sentences.summary_parameters(result), *errors,
+                      f"Derivatives: {found.method}. Took {took:.1f} s.",
+                      f"Results in {out}: {', '.join(folder.files)}", ""])
+
+
 def _replace(path, data):
     """Write a file whole, so that a crash leaves the one before."""
     new = path.with_name(f".{path.name}.{os.getpid()}")

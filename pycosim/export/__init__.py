@@ -40,7 +40,7 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     folder : path
         Where the files go.
     to : str
-        ``fmu``, ``c``, ``modelica``, ``ssp``, ``mujoco``, ``mujoco-plugin`` or ``json``.
+        ``fmu``, ``c``, ``modelica``, ``ssp``, ``mujoco``, ``mujoco-plugin``, ``jax`` or ``json``.
     fmi, kinds, platforms
         Of an FMU, see `pycosim.export.fmu.export_fmu`.
     real : str
@@ -103,12 +103,18 @@ def _write(plant, study, model, folder, to, fmi, kinds, platforms):
         return _Made("MJCF", files, [f"Not in MuJoCo: {m}" for m in missing])
     if to == "mujoco-plugin":
         return _plugin(plant, study, model, folder)
+    if to == "jax":
+        from .description import c_name, values
+        from .jax_drive import jax_source
+        from .law import drive_law
+        text = jax_source(drive_law(model, values(study, model)), study.name)
+        return _Made("JAX", [_text(folder / f"{c_name(study.name)}_drive.py", text)])
     if to == "modelica":
         from .modelica import to_modelica
         return _Made("Modelica", [_text(folder / f"{study.name}.mo", to_modelica(plant))])
     if to == "json":
         return _Made("JSON", ["export.json"])
-    raise ExportError(f"no target '{to}'; there are fmu, c, modelica, ssp, mujoco, mujoco-plugin, json")
+    raise ExportError(f"no target '{to}'; there are fmu, c, modelica, ssp, mujoco, mujoco-plugin, jax, json")
 
 
 def _plugin(plant, study, model, folder):

@@ -258,4 +258,4 @@ class _Builder:
 
 
 def _dense(*expressions):
-    return [ca.densify(ca.cse(e)) for e in expressions]
+    return ca.cse([ca.densify(e) for e in expressions])  # what they share is worked out once
