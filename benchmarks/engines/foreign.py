@@ -232,7 +232,7 @@ def c_fmu(folder, machine, fmi, kind, directional=False):
     target = build.host()
     with tempfile.TemporaryDirectory() as temporary:
         own = headers(fmi)
-        every = re.findall(r"FullName\((fmi[23]\w+)\)", own[f"fmi{fmi}Functions.h"].decode())
+        every = re.findall(r"FullName\((fmi[23]\w+)\)", own[f"fmi{fmi}Functions.h"].decode("latin-1"))
         rest = "".join(f"int {f}() {{ return 3; }}\n" for f in dict.fromkeys(every) if f"{f}(" not in text)
         for file, content in {**own, "model.c": text.encode(), "rest.c": rest.encode()}.items():
             (Path(temporary) / file).write_bytes(content)

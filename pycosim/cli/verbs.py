@@ -287,7 +287,7 @@ def calibrate(arguments, progress):
             f"{fmu.stem}_calibrated.fmu")
     with Folder(out, "identify", study.path, made) as folder:
         found = fitted(study, fmu, progress)
-        result = records.parameters(found.fit, None, study.seed)
+        result = records.parameters(found.fit, found, study.seed)
         folder.write("parameters.json", result)
         folder.write("comparison.json", records.plain({
             "schema": records.SCHEMA, "fmu": fmu.name, "derivatives": found.method, "before": found.before,

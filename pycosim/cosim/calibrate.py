@@ -28,19 +28,36 @@ class Calibration:
     fit : Fit
     before, after : dict of str to dict of str to float
         Root mean square error of each output, of ``fit`` and, where there is one, ``held_out`` logs.
-    inputs, outputs : list of str
+    inputs, outputs : dict of str to str
+        Names to units.
     method : str
         Where the derivatives came from.
     notes : list of str
+    attached : tuple
+        No effects: an FMU is as it is.
     """
 
     fit: object
     before: dict
     after: dict
-    inputs: list
-    outputs: list
+    inputs: dict
+    outputs: dict
     method: str
     notes: list = field(default_factory=list)
+    attached: tuple = ()
+
+    def unit(self, channel):
+        """Unit of a fitted output.
+
+        Parameters
+        ----------
+        channel : str
+
+        Returns
+        -------
+        str
+        """
+        return self.outputs[channel]
 
 
 def calibrate(study, path, progress=lambda text: None):
@@ -163,7 +180,9 @@ class _Calibrator:
             weights = 1 / np.maximum(rms, 1e-9 * np.maximum(spread, 1e-300))
         fit = self._fit(x, weights)
         method = "the FMU's directional derivatives" if self.fmu.directional else "central differences"
-        return Calibration(fit, before, self._errors(x), self.inputs, self.outputs, method, self.notes)
+        units = ({n: given[n] for n in names} for names, given in ((self.inputs, self.fmu.inputs),
+                                                                  (self.outputs, self.fmu.outputs)))
+        return Calibration(fit, before, self._errors(x), *units, method, self.notes)
 
     def _fit(self, x, weights):
         residual, slope = self._slopes(x)

@@ -46,7 +46,7 @@ def jax_source(law, name):
     """
     lines = [f'"""The drive of {law.rig} as the study {name} has it, for JAX.', "",
              "Made by pycosim, which it does not need. SI units; angles, speeds and torques are those of the motors.",
-             "Bodies and rotors (INERTIA) are the engine's. step_torque is what a simulation loop calls; all functions are",
+             "Bodies and rotors (INERTIA) are the engine's. step_torque is what a simulation loop calls. Functions are",
              "for one machine, jax.vmap takes many.",
              '"""', "", "import jax", "import jax.numpy as jnp", "",
              f"MOTORS = {law.motors!r}", f"INPUTS = {law.inputs!r}", f"STATES = {law.states!r}", "PARAMETERS = {"]

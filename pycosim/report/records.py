@@ -66,8 +66,8 @@ def parameters(fit, model, seed):
     Parameters
     ----------
     fit : Fit
-    model : Model or None
-        The model that was fitted; None for a foreign one.
+    model : Model or Calibration
+        What was fitted.
     seed : int
 
     Returns
@@ -83,8 +83,7 @@ def parameters(fit, model, seed):
                        "description": fit.variables[name].description}
     fixed = {n: {"value": v, "unit": fit.variables[n].unit} for n, v in fit.parameters.items()
              if n not in fit.free and n in fit.variables}
-    attached = model.attached if model else ()
-    owners = {component_name(e, p): p.components[0] for e, p in attached if len(p.components) == 1}
+    owners = {component_name(e, p): p.components[0] for e, p in model.attached if len(p.components) == 1}
     return plain({"schema": SCHEMA, "parameters": found, "null_directions": null_directions(fit, owners),
                   "weak_directions": weak_directions(fit), "error": fit.error,
                   "units": {c: model.unit(c) for c in fit.error}, "seed": seed, "fixed": fixed})
