@@ -73,6 +73,8 @@ def smallest(scores, level):
         tail = min(np.exp(-surprise) * (2 if sided else 1), 1.0)
         wanted = np.sqrt(stats.chi2.isf(tail, len(candidate.parts))) + stats.norm.ppf(0.9)
         size = float(wanted * np.min(score.spread))
+        if not np.isfinite(size):  # every size could hide: nothing is known to be absent
+            continue
         question = scores.table.contribution(candidate.effect).question
         name = candidate.names[min(int(np.argmin(score.spread)), len(candidate.names) - 1)]
         share = scores.weight(candidate, size)
