@@ -289,6 +289,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("action", nargs="*", help="summary FILE...")
     parser.add_argument("--conditions", default="plain")
+    parser.add_argument("--cases", nargs="*", help="names of cases, instead of conditions")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--hidden", type=int, default=2)
@@ -316,6 +317,8 @@ def main():
     PROGRAM[0] = "benchmarks.real_logs.bare" if args.bare else PROGRAM[0]
     wanted = list(cases.CONDITIONS) if args.conditions == "all" else args.conditions.split(",")
     planned = cases.listed([c for c in wanted if c not in SPECIAL], args.seeds, args.first, args.hidden, args.quick)
+    if args.cases:
+        planned = [replace(cases.parse(name), quick=args.quick) for name in args.cases]
     if args.list:
         print("\n".join(c.name for c in planned))
         return
