@@ -128,6 +128,9 @@ def build_parser():
             sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
         for option, (choices, usual, meaning) in (EXPORT if verb == "export" else {}).items():
             sub.add_argument(option, choices=choices, default=usual, help=f"{meaning} (default: {usual})")
+        if verb == "export":
+            sub.add_argument("--self-contained", action="store_true",
+                             help="of modelica: the library's classes inside, so that the file needs nothing beside it")
         if verb == "plan":
             _plan_options(sub)
         if verb in ROBUST:
@@ -196,7 +199,7 @@ def parse(argv):
     if unknown:
         what = "option" if unknown[0].startswith("-") else "argument"
         known = ["--data", "--out", "--json", "--quiet", "--help", "--version"] if what == "option" else []
-        known += EXPORT if known and arguments.verb == "export" else []
+        known += [*EXPORT, "--self-contained"] if known and arguments.verb == "export" else []
         known += ["--robust"] if known and arguments.verb in ROBUST else []
         known += ["--fmu"] if known and arguments.verb == "identify" else []
         known += PLAN if known and arguments.verb == "plan" else []

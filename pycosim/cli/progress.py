@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
+
+_CLEAR = "\r\x1b[K"  # to the start of the line, and nothing on it
 
 # --- progress and output --------------------------------------------------------------------------------------------
 
@@ -12,15 +15,11 @@ class Progress:
     """Sentences about what is going on, on a terminal only."""
 
     def __init__(self, quiet):
-        self.status = None
-        if not quiet and sys.stderr.isatty():
-            from rich.console import Console
-            self.status = Console(stderr=True).status("reading")
+        self.shown = not quiet and sys.stderr.isatty()
         self.start = time.monotonic()
 
     def __enter__(self):
-        if self.status:
-            self.status.start()
+        self("reading")
         return self
 
     def __exit__(self, *_):
@@ -28,9 +27,10 @@ class Progress:
 
     def stop(self):
         """Say no more."""
-        if self.status:
-            self.status.stop()
+        if self.shown:
+            print(_CLEAR, end="", file=sys.stderr, flush=True)
 
     def __call__(self, text):
-        if self.status:
-            self.status.update(f"{text} ({time.monotonic() - self.start:.0f} s)")
+        if self.shown:
+            line = f"{text} ({time.monotonic() - self.start:.0f} s)"
+            print(_CLEAR + line[:shutil.get_terminal_size().columns - 1], end="", file=sys.stderr, flush=True)

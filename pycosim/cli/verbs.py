@@ -134,7 +134,7 @@ def _export(run, arguments):
     run.progress("exporting")
     kinds = arguments.type.split(",")
     done = export(run.project.study, run.project.model, run.folder.temporary, arguments.to, int(arguments.fmi), kinds,
-                  arguments.platforms, arguments.real)
+                  arguments.platforms, arguments.real, arguments.self_contained)
     run.write("export.json", done.description)
     run.lines += done.lines
 

@@ -19,6 +19,7 @@ from ..compile import Library
 from ..control import controllers, trajectories
 from ..core import cache
 from ..core.errors import CosimulationError, PycosimError, ScenarioError, UnknownNameError, closest
+from ..core.extras import extra
 from ..dynamics.simulate import dynamics
 from ..dynamics.stepping import GAP, gap, in_parts
 from ..export.controller import export_block
@@ -307,8 +308,9 @@ class _Fmu(_Participant):
     """An FMU of version 2 or 3, through fmpy."""
 
     def __init__(self, c, path, stack):
-        import fmpy
-        from fmpy.simulation import instantiate_fmu
+        use = 'an FMU in a co-simulation (run = "process" does without)'
+        fmpy = extra("fmpy", use, CosimulationError)
+        instantiate_fmu = extra("fmpy.simulation", use, CosimulationError).instantiate_fmu
         self.path, self.messages = path, []
         folder = tempfile.mkdtemp(prefix="pycosim-fmu-")
         stack.callback(shutil.rmtree, folder, ignore_errors=True)

@@ -29,7 +29,8 @@ class Export:
     lines: list
 
 
-def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms="host", real="double"):
+def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms="host", real="double",
+           self_contained=False):
     """Write a study's machine for another tool.
 
     Parameters
@@ -45,6 +46,8 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
         Of an FMU, see `pycosim.export.fmu.export_fmu`.
     real : str
         ``double`` or ``float``, of the C export.
+    self_contained : bool
+        Whether the Modelica export brings the classes of the library along.
 
     Returns
     -------
@@ -63,7 +66,7 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
                       [f"C: {', '.join(Path(f).name for f in made)}."])
     plant = describe(study, model)
     description = to_dict(plant)
-    made = _write(plant, study, model, Path(folder), to, fmi, kinds, platforms)
+    made = _write(plant, study, model, Path(folder), to, fmi, kinds, platforms, self_contained)
     counts = {c: sum(e.causality == c for e in plant.entries) for c in ("input", "output", "parameter")}
     described = f"{counts['input']} inputs, {counts['output']} outputs, {counts['parameter']} parameters"
     unmeasured = sum(e.causality == "parameter" and e.variability == "tunable" and e.name not in plant.identified
@@ -84,7 +87,7 @@ class _Made:
     notes: list = field(default_factory=list)
 
 
-def _write(plant, study, model, folder, to, fmi, kinds, platforms):
+def _write(plant, study, model, folder, to, fmi, kinds, platforms, self_contained):
     """Write the files of a target."""
     if to == "fmu":
         from .fmu import export_fmu
@@ -111,7 +114,7 @@ def _write(plant, study, model, folder, to, fmi, kinds, platforms):
         return _Made("JAX", [_text(folder / f"{c_name(study.name)}_drive.py", text)])
     if to == "modelica":
         from .modelica import to_modelica
-        return _Made("Modelica", [_text(folder / f"{study.name}.mo", to_modelica(plant))])
+        return _Made("Modelica", [_text(folder / f"{study.name}.mo", to_modelica(plant, self_contained))])
     if to == "json":
         return _Made("JSON", ["export.json"])
     raise ExportError(f"no target '{to}'; there are fmu, c, modelica, ssp, mujoco, mujoco-plugin, jax, json")

@@ -147,7 +147,11 @@ def write_archive(path, files, first, check):
 
 
 def _validate(path):
-    from fmpy.validation import validate_fmu
+    """Hold the description against the standard's schemas, as fmpy carries them; without it the tests must do."""
+    try:
+        from fmpy.validation import validate_fmu
+    except ImportError:
+        return
     problems = validate_fmu(path)
     if problems:
         raise RuntimeError("the model description that was generated is not valid: " + "; ".join(problems))

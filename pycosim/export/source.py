@@ -52,9 +52,7 @@ def sources(plant, fmi, kinds):
 
 
 def headers(fmi):
-    """The standard's own headers, unaltered: those of FMI 2 from this package, those of FMI 3 as fmpy carries them.
-
-    fmpy's header of FMI 2 is an altered one, which ignores ``FMI2_FUNCTION_PREFIX``.
+    """The standard's own headers, unaltered, so that ``FMI2_FUNCTION_PREFIX`` and ``FMI3_FUNCTION_PREFIX`` are heeded.
 
     Parameters
     ----------
@@ -66,12 +64,7 @@ def headers(fmi):
     dict of str to bytes
         By file name.
     """
-    if fmi == 2:
-        folder = WRAPPER / "headers"
-    else:
-        import fmpy
-        folder = Path(fmpy.__file__).parent / "c-code"
-    return {name: (folder / name).read_bytes() for name in HEADERS[fmi]}
+    return {name: (WRAPPER / "headers" / name).read_bytes() for name in HEADERS[fmi]}
 
 
 def equations(plant):

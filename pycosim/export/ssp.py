@@ -9,7 +9,8 @@ from pathlib import Path
 
 from .. import __version__
 from ..control import controllers
-from ..core.errors import ModelicaError, StudyError
+from ..core.errors import ExportError, ModelicaError, StudyError
+from ..core.extras import extra
 from . import units
 from .controller import export_block
 from .description import c_name, describe, values
@@ -64,9 +65,9 @@ def read_part(name, path):
     StudyError
         There is no FMU, or it has no such interface.
     """
-    from fmpy import read_model_description
+    fmpy = extra("fmpy", "a system of FMUs (SSP)", ExportError)
     try:
-        description = read_model_description(str(path))
+        description = fmpy.read_model_description(str(path))
     except Exception as error:  # whatever fmpy meets in a file that is none
         raise StudyError(f"{path}: no FMU that can be read ({' '.join(str(error).split())[:200]})") from None
     if description.coSimulation is None:
@@ -290,5 +291,4 @@ def _feeding(parts, part, name):
 
 def _validate(path):
     """Hold the file against the standard's schemas, as fmpy carries them."""
-    from fmpy.ssp.ssd import read_ssd
-    read_ssd(path)
+    extra("fmpy.ssp.ssd", "a system of FMUs (SSP)", ExportError).read_ssd(path)

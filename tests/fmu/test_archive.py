@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+import sys
 import zipfile
 from dataclasses import replace
 from xml.etree import ElementTree
@@ -140,6 +141,32 @@ def test_another_platform_without_its_compiler_is_told_what_to_type(tmp_path, mo
     assert "type 'pip install ziglang'" in said and "x86_64-linux" in said and said.count("\n") == 1
 
 
+SCENARIO = """\
+duration = 0.1
+[components.p]
+plant = "DriveTrain.Rigs.ScrewDrive"
+rate = 1000
+[log]
+rate = 100
+columns = { s = "p.nut.s" }
+"""
+
+
+@pytest.mark.parametrize("text", ["", SCENARIO], ids=["ssp", "cosim"])
+def test_without_fmpy_an_fmu_is_written_and_the_rest_says_what_to_type(text, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in [n for n in sys.modules if n.partition(".")[0] == "fmpy"] + ["fmpy"]:
+        monkeypatch.setitem(sys.modules, name, None)  # as if it were not installed
+    (tmp_path / "arm.toml").write_text('[rig]\nmodel = "DriveTrain.Rigs.ScrewDrive"\n')
+    (tmp_path / "run.toml").write_text(text)
+    if not text:
+        assert main(["export", "arm.toml"]) == 0 and (tmp_path / "arm_export" / "arm_fmi2.fmu").exists()
+        capsys.readouterr()
+    assert main(["cosim", "run.toml"] if text else ["export", "arm.toml", "--to", "ssp"]) == 2
+    said = capsys.readouterr().err
+    assert "type 'pip install fmpy'" in said and said.count("\n") == 1
+
+
 def test_a_failing_compiler_leaves_nothing(study, model, tmp_path, monkeypatch):
     monkeypatch.setenv("PYCOSIM_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(build, "FLAGS", ["-no-such-flag-at-all"])
@@ -185,6 +212,29 @@ def test_the_modelica_text_compiles_to_the_same_machine(study, model, library):
     flat = library.flatten("GearedJoint.Machine", text)
     assert flat.parameters["gear.f0"].value == 0.04 and flat.parameters["stribeck_gear.fs"].value == 0.01
     assert len(flat.equations) == len(model("GearedJoint").flat.equations)
+
+
+@pytest.mark.parametrize("rig", ["GearedJoint", "HipKnee"])
+def test_a_self_contained_modelica_file_needs_no_library(study, model, tmp_path, rig):
+    """Parsed alone, without DriveTrain beside it, and compiled by the second compiler from that one file."""
+    import pymoca.ast
+    import pymoca.tree
+    from pycosim.compile.parse import parse
+    rumoca = pytest.importorskip("rumoca")
+    text = to_modelica(describe(study(rig), model(rig)), self_contained=True)
+    alone = pymoca.tree.flatten(parse(text, rig), pymoca.ast.ComponentRef.from_string(f"{rig}.Machine"))
+    flat, = alone.classes.values()
+    assert len(flat.symbols) > 50 and "UsersGuide" not in text and "Examples" not in text
+    unused = {"GearedJoint": "model Leg ", "HipKnee": "model Screw "}[rig]
+    assert unused not in text and "model Segment " in text and "within" not in text
+    inputs = {"GearedJoint": "tau = 0.4 * sin(3 * time), push = 0",
+              "HipKnee": "tau1 = 0.4 * sin(3 * time), tau2 = 0, push_H = 0, push_K = 0"}[rig]
+    driven = f"  model Driven\n    Machine rig({inputs});\n  end Driven;\nend {rig};\n"
+    (tmp_path / f"{rig}.mo").write_text(text.rstrip().removesuffix(f"end {rig};") + driven)
+    session = rumoca.Session()
+    q = np.array(session.load(str(tmp_path / f"{rig}.mo"), model=f"{rig}.Driven").simulate(0.5, dt=0.05)[
+        "rig.q" if rig == "GearedJoint" else "rig.q_H"])
+    assert np.isfinite(q).all() and np.ptp(q) > 1e-3
 
 
 def test_the_second_compiler_moves_the_modelica_text_as_the_fmu_moves(study, model, built, tmp_path):
