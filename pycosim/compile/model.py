@@ -149,6 +149,40 @@ def _limit(rate, x):
     return ca.if_else(slope < 0, toward - end / slope, 0)
 
 
+def along_axis(unit):
+    """Unit that a rotational one stands for on a linear axis.
+
+    Parameters
+    ----------
+    unit : str
+        As ``N.m.s/rad``.
+
+    Returns
+    -------
+    str
+        As ``N.s/m``.
+    """
+    for turning, along in (("kg.m2", "kg"), ("N.m", "N"), ("rad", "m"), ("(N)", "N")):
+        unit = unit.replace(turning, along)
+    return unit
+
+
+def wave_units(effect):
+    """Units that an effect's wave over a position has: cycles are counted along it, and a phase stays an angle.
+
+    Parameters
+    ----------
+    effect : Effect
+
+    Returns
+    -------
+    dict of str to str
+        By coefficient; empty for an effect without a wave.
+    """
+    return {c: {"cycles": "rad/m", "quadrature": "rad"}[kind] for c, kind in effect.scan.items()
+            if kind in ("cycles", "quadrature")}
+
+
 class Model:
     """A rig with effects attached.
 
@@ -186,7 +220,36 @@ class Model:
     @cached_property
     def flat(self):
         """The flattened model."""
-        return self.library.flatten("Improved", self.text)
+        flat = self.library.flatten("Improved", self.text)
+        if self.linear:
+            for kind in (flat.variables, flat.parameters):
+                kind.update({n: replace(v, unit=along_axis(v.unit)) for n, v in kind.items()})
+            for effect, place in self.attached:
+                waves = {f"{name}.{c}": unit for name in component_names(effect, place)
+                         for c, unit in wave_units(effect).items()}
+                flat.parameters.update({n: replace(flat.parameters[n], unit=unit) for n, unit in waves.items()
+                                        if n in flat.parameters})
+        return flat
+
+    @property
+    def linear(self):
+        """Whether the drive train moves along an axis: angles are positions, torques forces, inertias masses."""
+        return self.notes.get("axis") == "linear"
+
+    def unit(self, turning):
+        """Unit that a rotational one stands for in this drive train.
+
+        Parameters
+        ----------
+        turning : str
+            As ``N.m`` or ``rad/s``.
+
+        Returns
+        -------
+        str
+            The same, or on a linear axis ``N`` and ``m/s``.
+        """
+        return along_axis(turning) if self.linear else turning
 
     @cached_property
     def key(self):
@@ -396,7 +459,7 @@ class Model:
         named = [n.partition(":")[0] for key in ("load", "sensor", "encoders") for n in self.aliases(key).values()]
         every = dict.fromkeys([*wanted, *extra, *top, *inner, *named])
         outputs = [n for n in every if n in values and n not in known]
-        late = self._late(known, values)
+        late = self._late(wanted, known, values)
         outputs += [n for n in late.values() if n not in outputs]
         values = {**values, **self._shifted(late, values, outputs, solution.symbols)}
         y = ca.vertcat(*[values[n] for n in outputs])
@@ -408,16 +471,29 @@ class Model:
         inputs = sorted(inputs, key=lambda n: (n.count("("), n))
         arguments = [ca.vertcat(*[solution.symbols[n] for n in names]) if names else ca.SX(0, 1)
                      for names in (inputs, states, parameters)]
-        described = {n: flat.variables.get(n) or flat.parameters.get(n) for n in [*outputs, *states, *parameters]}
+        described = {n: flat.variables.get(n) or flat.parameters.get(n) or Variable(n)
+                     for n in [*outputs, *states, *parameters]}
         described.update({n: flat.variables.get(n) or Variable(n) for n in inputs})
         names = ["u", "x", "p"]
         return Question(inputs, states, parameters, outputs, ca.Function("output", arguments, [y], names, ["y"]),
                         ca.Function("rate", arguments, [rates], names, ["xdot"]), described, late)
 
-    def _late(self, known, values):
-        """Known signals that an attached effect delays, each with the variable that holds its delay."""
-        return {f"{c}.{RECORDED}": f"{name}.delay" for effect, place in self.attached if effect.channel
-                for name, c in zip(component_names(effect, place), place.components) if f"{c}.{RECORDED}" in known}
+    def _late(self, wanted, known, values):
+        """Known signals that an attached effect delays, each with the variable that holds its delay.
+
+        Where the record is the answer, what is known comes as much earlier instead.
+        """
+        late = {}
+        for effect, place in self.attached:
+            for name, c in zip(component_names(effect, place), place.components) if effect.channel else ():
+                if f"{c}.{RECORDED}" in known:
+                    late[f"{c}.{RECORDED}"] = f"{name}.delay"
+                    continue
+                read = {s.name() for s in ca.symvar(ca.vertcat(*[values[n] for n in wanted]))}
+                motion = [n for n in read if n.replace("der(", "").rstrip(")") in known]
+                values[f"-{name}.delay"] = -values[f"{name}.delay"]
+                late |= {n: f"-{name}.delay" for n in sorted(motion, key=lambda n: (n.count("("), n))}
+        return late
 
     @staticmethod
     def _shifted(late, values, names, symbols):

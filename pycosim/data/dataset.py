@@ -18,6 +18,7 @@ from .derivatives import default_window, derivatives, resolution
 from .logs import load, require, require_alike
 from .noise import contiguous
 from .residuals import Residuals, Term
+from .scales import Sizes
 
 FOLDS = 5
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
@@ -62,6 +63,7 @@ class Dataset:
         self._scatters = {}
         self._derive()
         self._segment()
+        self._size()
         self._split()
         self._views, self._slopes = {}, {}
 
@@ -236,7 +238,8 @@ class Dataset:
         signals = self.signals if signals is None else signals
         if not question.late:
             return signals
-        return undo(question, signals, self.time, self.run, parameters, {n: self._slope(n) for n in question.late})
+        return undo(question, signals, self.time, self.run, parameters,
+                    {n: self._slope(n) for n in question.late if not _is_motion(n)})
 
     def _slope(self, name):
         """Slope of what the motion alone predicts of a signal, well inside the passes.
@@ -459,6 +462,15 @@ class Dataset:
                 moving[inside[np.abs(angle[inside] - angle[last]) < near]] = False
         return moving
 
+    def _size(self):
+        """Typical sizes, that nominal values and bounds of parameters are in proportion to."""
+        torques = [self.signals[k] for k in self.known if k.endswith(".tau") and k in self.signals]
+        flat = self.base.variables
+        if not torques:
+            torques = [self.measured[n] for n in self.outputs if n in self.measured and flat[n].unit in ("N.m", "N")]
+        angles = [self.measured[k] for k in self.known if k.endswith(".phi") and k in self.measured]
+        self.sizes = Sizes.of([t[self.moving] for t in torques], angles, self.speeds[:, self.moving], self.base.linear)
+
     def _split(self):
         held = [k for k, log in enumerate(self.logs) if log.held_out]
         self.is_test = segmentation.split(self.blocks, len(self.logs), held)
@@ -662,7 +674,7 @@ class Dataset:
         -------
         dict of str to Variable
         """
-        found = dict(model.parameters)
+        found = {n: self.sizes.fit(v) for n, v in model.parameters.items()}
         for name, setting in self.study.parameters.items():
             if name in found:
                 found[name] = setting.applied(found[name])
@@ -723,3 +735,8 @@ class Dataset:
             named += [n for n in model.effect_parameters(effect, place)
                       if n not in named and not (self.study.parameters.get(n) and self.study.parameters[n].fixed)]
         return named
+
+
+def _is_motion(name):
+    """Whether a known signal is an angle, a speed or an acceleration."""
+    return name.startswith("der(") or name.endswith((".phi", ".w"))

@@ -155,7 +155,7 @@ def _cycles(table, contribution, place):
         return np.zeros(0)
     way = np.cumsum(steps)
     slow = steps[np.searchsorted(way, SLOW * way[-1])]
-    allowed = contribution.question.variables[_periodic(contribution.effect)[0]]
+    allowed = table.described(contribution)[_periodic(contribution.effect)[0]]
     low, high = max(1 / turns, allowed.min), min(np.pi / slow, allowed.max)
     return low + STEP / turns * np.arange(min(max(int((high - low) * turns / STEP) + 1, 0), MOST))
 
@@ -243,7 +243,7 @@ def _add(table, found, contribution, place, cycles, first):
                for phase in (0.0, np.pi / 2)]
     start = first + len(found.columns)
     found.columns += columns
-    bound = contribution.question.variables[contribution.coefficients[0]].max
+    bound = table.described(contribution)[contribution.coefficients[0]].max
     found.candidates.append(Candidate(
         contribution.effect, place, {frequency: cycles, quadrature: 0.0}, [[start], [start + 1]],
         [contribution.coefficients[0]], np.full(2, -bound), np.full(2, bound),

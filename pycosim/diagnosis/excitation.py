@@ -75,14 +75,14 @@ def smallest(scores, level):
         size = float(wanted * np.min(score.spread))
         if not np.isfinite(size):  # every size could hide: nothing is known to be absent
             continue
-        question = scores.table.contribution(candidate.effect).question
+        described = scores.table.described(scores.table.contribution(candidate.effect))
         name = candidate.names[min(int(np.argmin(score.spread)), len(candidate.names) - 1)]
         share = scores.weight(candidate, size)
         known = best.get(candidate.key)
         if known is None or share < known["error_share"]:
             best[candidate.key] = {
                 "effect": candidate.effect.id, "place": candidate.place.name, "coefficient": name, "value": size,
-                "unit": question.variables[name].unit, "at": {k: float(v) for k, v in candidate.grid.items()},
+                "unit": described[name].unit, "at": {k: float(v) for k, v in candidate.grid.items()},
                 "error_share": share}
     return list(best.values())
 

@@ -140,7 +140,8 @@ def _proposal(table, known, depends, share, index):
     blocks, label = np.unique(table.block[few], return_inverse=True)
     fold = table.dataset.fold[blocks][label]
     best = None
-    causes = {n for n in known if "@" in n or n.startswith("time") or unit_of(table.dataset, n) == "rad"}
+    angle, torque = table.model.unit("rad"), table.model.unit("N.m")
+    causes = {n for n in known if "@" in n or n.startswith("time") or unit_of(table.dataset, n) == angle}
     for name in [d["variable"] for d in depends if d["strength"] > 0 and d["variable"] in causes][:8]:
         values, owner = known[name][few], name.partition("@")[2]
         forms = shapes(values, unit_of(table.dataset, name))
@@ -157,7 +158,7 @@ def _proposal(table, known, depends, share, index):
     gain, place, name, form, column, values = best
     size = _sizes(np.ones((1, len(residual[0]))), column, base, residual, table.fit.weights, slice(None))[0]
     told = form.text.format(x=name)
-    return {"text": f"A guess: {number(size)} N.m more friction at {place}, as {told}; it would take "
+    return {"text": f"A guess: {number(size)} {torque} more friction at {place}, as {told}; it would take "
                     f"{100 * gain:.0f} % of the residual's energy on passes that it was not fitted to.",
             "equation": f"F += {number(size)} * {form.modelica.format(x=name)}", "place": place, "variable": name,
             "share": float(gain), "value": float(size),
@@ -213,7 +214,7 @@ def _readable(table, name, values, few):
         return "", ports[kind]
     rig = {n: table.full[n][few] for n in table.full if "." not in n and n in table.model.variables
            and isinstance(table.full[n], np.ndarray) and n != name}
-    if not rig or unit_of(table.dataset, name) != "rad":
+    if not rig or unit_of(table.dataset, name) != table.model.unit("rad"):
         return None
     columns = np.array([*rig.values(), np.ones(len(values))])
     factor = np.linalg.lstsq(columns.T, values, rcond=None)[0]

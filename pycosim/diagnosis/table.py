@@ -354,7 +354,8 @@ class Table:
         values = {"time": np.geomspace(max(np.ptp(time) / 40, 0.5), max(2 * np.ptp(time), 1.0), 7),
                   "quadrature": np.array([0.0, np.pi / 2]), "power": np.array([0.2, 0.35, 0.5, 0.65, 0.8])}
         if len(self.dataset.time) > 1:
-            values["delay"] = np.median(np.diff(self.dataset.time)) * np.geomspace(0.5, 32, 12)
+            delays = np.median(np.diff(self.dataset.time)) * np.geomspace(0.5, 32, 12)
+            values["delay"] = np.r_[-delays[::-1], delays]
         angles = [v for n, v in self.full.items() if n.endswith(".beside.phi")]
         if angles:  # where a spring has no torque, in the workspace or beyond; alike for all joints, which may share it
             low, high = min(v.min() for v in angles), max(v.max() for v in angles)
@@ -400,6 +401,19 @@ class Table:
         """
         return self.library.memo(("contribution", effect.id), lambda: Contribution(self.library, effect))
 
+    def described(self, contribution):
+        """Coefficients of an effect, with bounds and nominal values in proportion to the machine.
+
+        Parameters
+        ----------
+        contribution : Contribution
+
+        Returns
+        -------
+        dict of str to Variable
+        """
+        return self.dataset.sizes.described(contribution.effect, contribution.question.variables)
+
     def candidate(self, contribution, place, grid, parts):
         """A candidate with the bounds of its coefficients.
 
@@ -416,7 +430,7 @@ class Table:
         -------
         Candidate
         """
-        effect, described = contribution.effect, contribution.question.variables
+        effect, described = contribution.effect, self.described(contribution)
         bounds = [(0.0, 2.0) if c in effect.scan else (described[c].min - described[c].value,
                                                        described[c].max - described[c].value)
                   for c in contribution.coefficients]

@@ -26,8 +26,9 @@ def undo(question, signals, time, run, parameters, slopes=None):
     time, run : ndarray, shape (n,)
     parameters : dict of str to float
     slopes : dict of str to ndarray, optional
-        Of those signals without their noise. A spline takes noise away between samples, which would look like a better
-        fit, and sees a slope where a torque jumps; with slopes, the nearest sample is taken along its own.
+        Of those signals that are measured torques, without their noise. A spline takes noise away between samples,
+        which would look like a better fit, and sees a slope where a torque jumps; with a slope, the nearest sample is
+        taken along it.
 
     Returns
     -------
@@ -41,7 +42,7 @@ def undo(question, signals, time, run, parameters, slopes=None):
     values = ArrayFunction(chosen.output)([0.0] * (len(chosen.inputs) + len(chosen.states))
                                           + [float(parameters[n]) for n in chosen.parameters], 1)[:, 0]
     for name, delay in zip(question.late, values):
-        if slopes is None:
+        if name not in (slopes or {}):
             record = Record(time, signals[name], run)
             found[name], found[f"der({name})"] = record.at(delay), record.at(delay, 1)
         else:

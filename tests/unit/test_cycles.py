@@ -25,6 +25,7 @@ def table(residual, angle, slope, probe=1.0):
         responses=[np.full((1, 1, n), probe)], probes=["probe_motor.dtau"], takes=[None],
         scans=[(RIPPLE.effect, Place("motor", ("motor",)))], contribution=lambda effect: RIPPLE,
         port_signals=lambda effect, component, term: {"flange.phi": angle},
+        described=lambda contribution: contribution.question.variables,
         column=lambda contribution, component, grid: RIPPLE(
             {"flange.phi": angle}, [], grid, n)[0])
 
