@@ -17,7 +17,9 @@ import numpy as np
 import pandas as pd
 from scipy.signal import butter, filtfilt
 
-LOG = Path(__file__).parents[3] / "shared" / "data" / "emps" / "trajectories.csv"
+ROOT = Path(__file__).parents[2]
+STUDY = ROOT / "examples" / "emps" / "study.toml"
+LOG = ROOT.parent / "shared" / "data" / "emps" / "trajectories.csv"
 GAIN = 35.1507  # N/V, as published
 CUT = 150.0  # Hz, of the filter of positions: lower ones smear the jumps of the acceleration, higher ones pass noise
 SHIFTS = np.arange(-2e-3, 2.01e-3, 1e-4)  # s

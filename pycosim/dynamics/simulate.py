@@ -312,13 +312,30 @@ def _answer(model, name, form, signals, time, parameters):
     if strange:
         _check(sorted(strange), [*question.inputs, *model.variables], f"variable of {model.rig}")
     if question.late:
-        row = {n: _row(n, signals[n], len(time)) for n in question.late if n in signals}
+        row = _late_rows(question, signals, time)
         signals = {**signals, **undo(question, row, time, np.zeros(len(time)), values)} if row else signals
     known = _known(model, name, question, signals, time)
     x = propagate(question, known, time, values)[0]
     p = [values[n] for n in question.parameters]
     y = _arrays(model, (name, form), question.output)([*known.values(), *x, *p], len(time))
     return dict(zip(question.outputs, y))
+
+
+def _late_rows(question, signals, time):
+    """Signals that a question wants at other times, derivatives filled in; nothing where one is missing."""
+    rows = {}
+    for n in question.late:  # an angle comes before its speed
+        if n in signals:
+            rows[n] = _row(n, signals[n], len(time))
+        elif n.startswith("der(") and n[4:-1] in rows:
+            rows[n] = _gradient(rows[n[4:-1]], time)
+        else:
+            return {}
+    return rows
+
+
+def _gradient(values, time):
+    return np.gradient(values, time) if len(time) > 1 else np.zeros(len(time))
 
 
 def _known(model, name, question, signals, time):
@@ -331,7 +348,7 @@ def _known(model, name, question, signals, time):
         elif n in signals:
             known[n] = _row(n, signals[n], len(time))
         elif n.startswith("der(") and inner in known:
-            known[n] = np.gradient(known[inner], time) if len(time) > 1 else np.zeros(len(time))
+            known[n] = _gradient(known[inner], time)
         else:
             raise DataError(f"to {name}, {model.rig} needs '{n}'; give it for every sample")
     return known

@@ -1,8 +1,15 @@
 """Verdicts on measured data made by others; the tables are made by `benchmarks.real_data`."""
 
+import numpy as np
+import pandas as pd
 import pytest
 
+from benchmarks.real_data import emps
 from benchmarks.real_data.run import DATA, ladder, screw, servo_splits
+from pycosim.compile import Library
+from pycosim.data.dataset import Dataset
+from pycosim.diagnosis import search
+from pycosim.study.parse import load_study
 
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason=f"the measured data are not in {DATA}")
 ASYMMETRY = {"direction_asymmetry", "torque_offset"}
@@ -38,3 +45,18 @@ def test_the_servo_lacks_load_dependent_friction_whatever_trajectory_is_held_out
     assert added(result)[0] == "load_dependence", value
     errors = held_out(result, "voltage")
     assert errors[-1] <= 0.7 * errors[0], value
+
+
+def test_the_axis_has_viscous_friction_of_each_direction_a_shift_and_the_ripple_of_its_screw():
+    data = Dataset(load_study(emps.STUDY), Library())
+    result = search.improve(data)
+    found = added(result)
+    assert found[0] == "viscous_asymmetry" and set(found[1:3]) == {"time_delay", "torque_ripple"}, found
+    values = result.fit.parameters
+    assert values["viscous_asymmetry_guide.b_a"] == pytest.approx((166 - 240) / 2, rel=0.1)
+    assert -1e-3 < values["time_delay_force.d"] < -3e-4
+    assert 2 * np.pi / values["torque_ripple_motor.n"] == pytest.approx(2.5e-3, rel=2e-3)
+    log = pd.read_csv(emps.LOG)
+    plain = emps.plain(log.t.to_numpy(), log.qm.to_numpy(), emps.GAIN * log.vir.to_numpy(), data.w_min,
+                       [(a, b) for _, a, b in data.held_out_ranges()])
+    assert held_out(result, "force")[3] <= 1.1 * list(plain.values())[-1]
