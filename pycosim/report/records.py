@@ -171,6 +171,9 @@ def improved_study(study, model, fit):
     for name in fit.free:
         old, variable = settings.get(name, Setting(fixed=False)), fit.variables[name]
         value = min(max(float(f"{fit.parameters[name]:.9g}"), variable.min), variable.max)
+        declared = model.parameters[name]
+        if not declared.min <= value <= declared.max:  # possible on a machine of this size, which the study must say
+            old = replace(old, min=variable.min, max=variable.max)
         settings[name] = replace(old, value=value)
     for effect, place in model.attached:  # other logs have other means, and would make other coefficients of the fitted
         for name in (f"{component_name(effect, place)}.{n}" for n in effect.means):

@@ -6,9 +6,13 @@ import pytest
 
 from benchmarks.real_data import emps
 from benchmarks.real_data.run import DATA, ladder, screw, servo_splits
-from pycosim.compile import Library
+from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
-from pycosim.diagnosis import search
+from pycosim.data.noise import fit_noise
+from pycosim.diagnosis.compare import errors
+from pycosim.diagnosis.cycles import ripples
+from pycosim.diagnosis.table import Table
+from pycosim.fit import least_squares
 from pycosim.study.parse import load_study
 
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason=f"the measured data are not in {DATA}")
@@ -47,16 +51,24 @@ def test_the_servo_lacks_load_dependent_friction_whatever_trajectory_is_held_out
     assert errors[-1] <= 0.7 * errors[0], value
 
 
-def test_the_axis_has_viscous_friction_of_each_direction_a_shift_and_the_ripple_of_its_screw():
+def test_the_axis_with_what_is_known_to_be_missing_does_as_well_as_plain_least_squares_with_the_same_terms():
     data = Dataset(load_study(emps.STUDY), Library())
-    result = search.improve(data)
-    found = added(result)
-    assert found[0] == "viscous_asymmetry" and set(found[1:3]) == {"time_delay", "torque_ripple"}, found
-    values = result.fit.parameters
+    known = [("viscous_asymmetry", "guide"), ("time_delay", "force"), ("torque_ripple", "motor")]
+    model = compile_model(data.library, data.study.rig, known)
+    fit = least_squares.fit(data, model, {"torque_ripple_motor.n": 2 * np.pi / 2.5e-3, "torque_ripple_motor.A": 0.5})
+    values = fit.parameters
     assert values["viscous_asymmetry_guide.b_a"] == pytest.approx((166 - 240) / 2, rel=0.1)
     assert -1e-3 < values["time_delay_force.d"] < -3e-4
     assert 2 * np.pi / values["torque_ripple_motor.n"] == pytest.approx(2.5e-3, rel=2e-3)
     log = pd.read_csv(emps.LOG)
     plain = emps.plain(log.t.to_numpy(), log.qm.to_numpy(), emps.GAIN * log.vir.to_numpy(), data.w_min,
                        [(a, b) for _, a, b in data.held_out_ranges()])
-    assert held_out(result, "force")[3] <= 1.1 * list(plain.values())[-1]
+    assert errors(data, model, fit, "test")["force"] <= 1.1 * list(plain.values())[-1]
+
+
+def test_the_search_for_ripples_sees_the_screw_of_the_axis():
+    data = Dataset(load_study(emps.STUDY), Library())
+    model = compile_model(data.library, data.study.rig, [("viscous_asymmetry", "guide"), ("time_delay", "force")])
+    table = Table(data, model, least_squares.fit(data, model))
+    found = ripples(table, [fit_noise(r, table.chain) for r in table.residual], 199, np.random.default_rng(0))
+    assert 2 * np.pi / found.candidates[0].grid["n"] == pytest.approx(2.5e-3, rel=5e-3)
