@@ -1,4 +1,4 @@
-"""Claims about sizes: bounds and nominal values follow the machine, whatever its units; an axis has units of its own."""
+"""Claims about sizes: bounds and nominal values follow the machine in any unit; an axis has units of its own."""
 
 import numpy as np
 import pytest
