@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import pickle  # of trees in memory only: no file is read by it
+import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -300,6 +301,7 @@ def parse(text, where):
     ModelicaError
         The text does not parse; the message names file and line.
     """
+    _refuse_quoted(text, where)
     try:
         tree = pymoca.parser.parse(text, bypass_cache=True)
     except pymoca.parser.ModelicaSyntaxError as error:
@@ -310,6 +312,17 @@ def parse(text, where):
         line, found = _first_fault(text)
         raise ModelicaError(f"{where}:{line}: does not parse near '{found}'; mend the Modelica syntax there")
     return tree
+
+
+_TEXTS = re.compile(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.S)  # texts, and comments
+
+
+def _refuse_quoted(text, where):
+    """Modelica lets a name hold anything between apostrophes; such names end up in C, XML and HTML, so they stay out."""
+    bare = _TEXTS.sub(lambda m: re.sub(r"[^\n]", " ", m[0]), text)
+    if "'" in bare:
+        line = bare[:bare.index("'")].count("\n") + 1
+        raise ModelicaError(f"{where}:{line}: a name between apostrophes; names are made of letters, digits and _")
 
 
 def _first_fault(text):

@@ -158,7 +158,7 @@ def _index(prefix, names, variables):
         for _ in range(dots):
             base = base[4:-1]
         v = Variable("time", "s", "Time") if n == "time" else variables[base]
-        text = f"{n} [{_per_second(v.unit, dots)}] {'' if dots else v.description}".replace("*/", "").strip()
+        text = f"{n} [{_per_second(v.unit, dots)}] {'' if dots else v.description}".replace("*/", "* /").strip()
         lines.append(f"  {_constant(prefix, n)} = {k}, /* {text} */")
     return [f"enum {prefix} {{", *lines, f"  {prefix.upper()}_COUNT = {len(names)}", "};"]
 

@@ -182,7 +182,7 @@ class _Builder:
                 continue
             number = self._alias(raw[column.variable], self.u)
             if number is not None:
-                name = re.sub(r"\W", "_", label)
+                name = re.sub(r"\W", "_", label, flags=re.ASCII)
                 taken = name in raw or name in self.values or not re.match(r"[A-Za-z_]", name)
                 found[number] = (f"{self.d.inputs[number]}_current" if taken else name, column.k_m)
         return found

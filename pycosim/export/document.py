@@ -77,7 +77,7 @@ def to_html(plant):
     """
     parts = [f"<h1>{escape(plant.name)}</h1><p>{escape(plant.rig)}: {escape(plant.description)}. "
              f"Made by pycosim {__version__}.</p>", "<h2>Effects beyond the rig</h2>", _list(
-                 [f"<b>{e['effect']}</b> at {escape(e['place'])}: {escape(e['description'])}"
+                 [f"<b>{escape(e['effect'])}</b> at {escape(e['place'])}: {escape(e['description'])}"
                   for e in _effects(plant)])]
     for title, causality in (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter")):
         parts.append(f"<h2>{title}</h2>{_table(plant, causality)}")
@@ -98,7 +98,7 @@ def _table(plant, causality):
             v = e.variable
             start = f"{v.value:.6g}" if e.initial == "exact" or causality == "input" else ""
             origin = ("study" if v.name in plant.identified else "default") if causality == "parameter" else ""
-            rows.append(f"<tr><td><code>{v.name}</code></td><td>{start}</td><td>{escape(v.unit)}</td>"
+            rows.append(f"<tr><td><code>{escape(v.name)}</code></td><td>{start}</td><td>{escape(v.unit)}</td>"
                         f"<td>{e.variability}</td><td>{origin}</td><td>{escape(v.description)}</td></tr>")
     head = "<tr><th>name</th><th>start</th><th>unit</th><th>changes</th><th>from</th><th>meaning</th></tr>"
     return f"<table>{head}{''.join(rows)}</table>"

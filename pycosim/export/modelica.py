@@ -28,7 +28,8 @@ def to_modelica(plant, self_contained=False):
     name = c_name(plant.name)
     package = name[0].upper() + name[1:]
     effects = extend(plant.rig, plant.model.attached, "WithEffects")
-    lines = [f'package {package} "{plant.rig} as the study {plant.name} has it"',
+    study = plant.name.replace("\\", "\\\\").replace('"', '\\"')
+    lines = [f'package {package} "{plant.rig} as the study {study} has it"',
              *("  " + line for line in effects.rstrip().splitlines()),
              *("  " + line for line in (_needed(plant) if self_contained else ())),
              '  model Machine "The rig with its effects and identified values"',

@@ -15,6 +15,7 @@ from . import units
 from .controller import export_block
 from .description import c_name, describe, values
 from .fmu import export_fmu, write_archive
+from .xml import clean
 
 PLANT = "plant"
 STRUCTURE = "SystemStructure.ssd"
@@ -185,6 +186,7 @@ def _add(parent, short, **attributes):
 
 
 def _bytes(root):
+    clean(root)
     for short, space in _NAMES.items():
         xml.register_namespace(short, space)
     xml.indent(root, "  ")

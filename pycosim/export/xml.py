@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as xml
 
 from .. import __version__
@@ -15,6 +16,7 @@ STIFF = ("The equations are stiff: a friction state settles within its travel, m
          "exchange, take an implicit solver with error control (CVode with BDF, Radau, DASSL); explicit ones need "
          "steps of about travel / speed. In co-simulation the FMU brings its own implicit solver.")
 _TYPE = "Modelica.Units.SI."
+_NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 LOG = {"logStatusError": "Why a call failed", "logStatusDiscard": "Why a point was refused, to be tried closer"}
 
 
@@ -116,7 +118,21 @@ def terminals(plant):
     return _bytes(root)
 
 
+def clean(root):
+    """Put a space for every character that XML cannot hold, as a file's name or a description may.
+
+    Parameters
+    ----------
+    root : xml.etree.ElementTree.Element
+        Its attributes, and those of what is in it, are changed in place.
+    """
+    for element in root.iter():
+        for key, text in element.attrib.items():
+            element.set(key, _NOT_IN_XML.sub(" ", text))
+
+
 def _bytes(root):
+    clean(root)
     xml.indent(root, "  ")
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + xml.tostring(root, encoding="utf-8") + b"\n"
 
