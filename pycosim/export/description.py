@@ -83,6 +83,8 @@ class Plant:
         Whether its states change once a period, the last parameter, and its outputs are held in between.
     speeds : list of int or None
         For each state, which one is its derivative; empty where none is.
+    limits : dict of str to (float or None, float or None)
+        The study's, by variable or sum of angles: stops, torques, speeds.
     """
 
     name: str
@@ -98,6 +100,7 @@ class Plant:
     stepping: str = ""
     sampled: bool = False
     speeds: list = field(default_factory=list)
+    limits: dict = field(default_factory=dict)
 
 
 def describe(study, model):
@@ -264,7 +267,7 @@ class _Builder:
         comment = (self.model.library.find(self.study.rig).comment or "").strip('"')
         identified = {n for n, s in self.study.parameters.items() if s.value is not None}
         return Plant(self.study.name, self.study.rig, comment, self.model, self.values, identified, entries, functions,
-                     sizes, self._terminals(), speeds=self.d.speeds)
+                     sizes, self._terminals(), speeds=self.d.speeds, limits=self.study.limits)
 
     def _described(self, name):
         v = replace(self.flat.variables.get(name) or self.flat.parameters.get(name) or Variable(name), name=name)

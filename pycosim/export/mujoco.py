@@ -21,6 +21,7 @@ from .description import system
 from .links import Links
 
 _FAST = (20.0, 40.0)  # rad/s; speeds where what friction does at low speed is over
+_ANYWHERE = 1e3  # rad; an end of a range that is not limited
 _LEAST = 1e-12  # kg.m2; MuJoCo refuses links without inertia
 _ALWAYS = (
     "Sticking: MuJoCo softens friction, so a loaded joint creeps slowly; the model's friction state, its elastic "
@@ -68,13 +69,28 @@ def to_mjcf(plant, plugin=None):
         for joint, c in zip(bodies, coefficients):
             if c:
                 xml.SubElement(tendon, "joint", joint=joint, coef=repr(float(c)))
+    machine.stops(tendons, root, bodies)
     for name, tendon in zip(plugin[1], machine.model.components("signal")) if plugin else ():
         xml.SubElement(actuators, "plugin", name=name, tendon=tendon, instance="drive")
     for name, tendon, gain, slope in () if plugin else machine.actuators():
         xml.SubElement(actuators, "general", name=name, tendon=tendon, gainprm=repr(gain), biastype="affine",
-                       biasprm=_numbers((0.0, 0.0, slope)))
+                       biasprm=_numbers((0.0, 0.0, slope)), **machine.strength(tendon))
+    _sensors(xml.SubElement(root, "sensor"), bodies, actuators)
     xml.indent(root, "  ")
     return xml.tostring(root, encoding="unicode") + "\n", missing
+
+
+def _sensors(group, joints, actuators):
+    """What a machine is fitted with: encoders at joints and motors, and the torques of the motors."""
+    motors = dict.fromkeys(a.get("tendon") for a in actuators)
+    for kind, names in (("joint", joints), ("tendon", motors)):
+        for name in names:
+            angle, speed = (name, f"der({name})") if kind == "joint" else (f"{name}.phi", f"{name}.w")
+            if angle not in joints or kind == "joint":  # else the motor's angle is the joint's
+                xml.SubElement(group, f"{kind}pos", name=angle, **{kind: name})
+                xml.SubElement(group, f"{kind}vel", name=speed, **{kind: name})
+    for actuator in actuators:
+        xml.SubElement(group, "actuatorfrc", name=f"{actuator.get('name')}.force", actuator=actuator.get("name"))
 
 
 def _comment(plant, missing):
@@ -131,6 +147,39 @@ class _Machine:
             raise StudyError(f"{self.plant.rig}: its links have different gravity or tilt, MuJoCo has one for all")
         g, tilt = found.pop() if found else (0.0, 0.0)
         return -g * math.sin(tilt), 0.0, -g * math.cos(tilt)
+
+    # --- limits of the study ---
+
+    def _positions(self):
+        """Limits of angles and of sums of them: words, row over the links, least, greatest; and all other limits."""
+        found, others = [], []
+        for words, (low, high) in self.plant.limits.items():
+            names = [n.strip() for n in words.split("+")]
+            if not all(n in self.all and self.model.variables[n].unit == "rad" for n in names):
+                others.append(words)
+                continue
+            ends = [-math.inf if low is None else low, math.inf if high is None else high]
+            found.append((words, sum(self._along(n) for n in names), *ends))
+        return found, others
+
+    def stops(self, tendons, root, joints):
+        """Stops: a range of the joint where one alone is limited, else of a tendon over those that are."""
+        elements = {e.get("name"): e for e in root.iter("joint") if e.get("type")}
+        for words, row, low, high in self._positions()[0]:
+            given = {"limited": "true", "range": _numbers([max(low, -_ANYWHERE), min(high, _ANYWHERE)])}
+            moved = np.flatnonzero(row)
+            if len(moved) == 1 and row[moved[0]] == 1:
+                elements[joints[moved[0]]].attrib.update(given)
+                continue
+            tendon = xml.SubElement(tendons, "fixed", name=f"limit of {words}", **given)
+            for k in moved:
+                xml.SubElement(tendon, "joint", joint=joints[k], coef=repr(float(row[k])))
+
+    def strength(self, motor):
+        """Greatest torque of a motor, as attributes of its actuator."""
+        low, high = self.plant.limits.get(f"{motor}.tau", (None, None))
+        most = min(math.inf if high is None else high, math.inf if low is None else -low)
+        return {"forcelimited": "true", "forcerange": _numbers((-most, most))} if math.isfinite(most) else {}
 
     # --- bodies ---
 
@@ -229,6 +278,9 @@ class _Machine:
     def heavier(self):
         """Links whose mass MuJoCo wants larger."""
         found = []
+        torques = {f"{c}.tau" for c in self.model.components("signal")}
+        found += [f"The limit of {words}: MuJoCo limits angles and torques, and nothing else." for words
+                  in self._positions()[1] if words not in torques]
         for link in self.links:
             if self._inertial(link)[0] > link.values["mass"] * (1 + 1e-12):
                 found.append(f"{link.component}: its mass is written as {self._inertial(link)[0]:g} kg instead of "

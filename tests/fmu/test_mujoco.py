@@ -107,6 +107,30 @@ def test_what_it_cannot_is_measured_and_listed(study, library):
     assert [float(j.get("coef")) for j in tendons["motor2"]] == [15.125, -15.125]
 
 
+def test_stops_torques_and_sensors_are_those_of_the_study(study, library):
+    """Pushed with more than it has, a leg ends at its stops; encoders and torques are read from sensors."""
+    mujoco = pytest.importorskip("mujoco")
+    limits = {"q_H": (-0.35, 1.2), "q_K": (-2.0, 0.1), "q_H + q_K": (-1.2, None), "motor1.tau": (None, 4.0),
+              "motor2.w": (None, 2.4)}
+    made = replace(study("HipKnee"), limits=limits)
+    text, missing = to_mjcf(describe(made, made.validate(library)))
+    assert any("motor2.w" in m for m in missing) and not any("motor1.tau" in m or "limit of q_H" in m for m in missing)
+    theirs = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(theirs)
+    sensor = {theirs.sensor(k).name: theirs.sensor(k).adr[0] for k in range(theirs.nsensor)}
+    assert {"q_H", "der(q_K)", "motor1.phi", "motor2.w", "tau1.force"} < set(sensor)
+    data.ctrl[:] = [9.0, 9.0]
+    for _ in range(4000):
+        mujoco.mj_step(theirs, data)
+    mujoco.mj_forward(theirs, data)
+    q = dict(zip((theirs.joint(k).name for k in range(theirs.njnt)), data.qpos))
+    assert q["q_H"] < 1.25 and -2.05 < q["q_K"] < 0.15 and q["q_H"] + q["q_K"] > -1.25
+    assert data.sensordata[sensor["tau1.force"]] == 4.0 and data.sensordata[sensor["tau2.force"]] == 9.0
+    assert data.sensordata[sensor["q_H"]] == pytest.approx(q["q_H"])
+    assert data.sensordata[sensor["motor1.phi"]] == pytest.approx(15.125 * (q["q_H"] + q["q_K"]))
+    assert q["q_H"] > 1.15  # at its stop
+
+
 def test_the_command_line_writes_the_list_beside_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.toml").write_text('[rig]\nmodel = "DriveTrain.Rigs.GearedJoint"\n')
