@@ -318,7 +318,7 @@ _TEXTS = re.compile(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.S)  # texts, and
 
 
 def _refuse_quoted(text, where):
-    """Modelica lets a name hold anything between apostrophes; such names end up in C, XML and HTML, so they stay out."""
+    """Modelica lets a name between apostrophes hold anything; as names end up in C, XML and HTML, it stays out."""
     bare = _TEXTS.sub(lambda m: re.sub(r"[^\n]", " ", m[0]), text)
     if "'" in bare:
         line = bare[:bare.index("'")].count("\n") + 1
