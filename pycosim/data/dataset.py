@@ -14,13 +14,14 @@ from ..core.errors import DataError, StudyError
 from ..dynamics.delays import undo
 from ..dynamics.states import dependent_parameters, propagate
 from . import instruments, segmentation
-from .derivatives import default_window, derivatives, resolution
+from .derivatives import derivatives, resolution
 from .logs import load, require, require_alike
 from .noise import contiguous
 from .residuals import Residuals, Term
 from .scales import Sizes
 
 FOLDS = 5
+SPEEDS = {"phi": "w", "s": "v"}  # of a rotating and of a sliding component: position and speed
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 
 
@@ -135,20 +136,24 @@ class Dataset:
     # ---- motion
 
     def _derive(self):
-        """Speeds and accelerations of what is known, without phase lag; a measured speed is preferred."""
+        """Speeds and accelerations of what is known, without phase lag, from angles and the speeds beside them."""
         self.signals = {k: self.measured[k] for k in self.known if k in self.measured}
         self.signals["time"] = self.time
+        self._spread = {}
         for name in [n for n in self.question.inputs if n.startswith("der(") and n.count("(") == 1]:
             angle = name[4:-1]
-            first, second = np.zeros(len(self.time)), np.zeros(len(self.time))
-            for k in range(len(self.logs)):
-                part = self.run == k
-                t, a = self.time[part], self.measured[angle][part]
-                if len(t) > 1:
-                    first[part], second[part] = derivatives(t, a, default_window(t, resolution(a)))
-            speed = angle.removesuffix(".phi") + ".w"
-            self.signals[name] = self.measured.get(speed, first) if angle.endswith(".phi") else first
-            self.signals[f"der({name})"] = second
+            component, _, kind = angle.rpartition(".")
+            speed = self.measured.get(f"{component}.{SPEEDS[kind]}") if kind in SPEEDS else None
+            first, second = np.zeros(len(self.time)) if speed is None else speed.copy(), np.zeros(len(self.time))
+            variance = []
+            for part in (self.run == k for k in range(len(self.logs))):
+                if np.count_nonzero(part) > 1:
+                    found = derivatives(self.time[part], self.measured[angle][part],
+                                        None if speed is None else speed[part])
+                    first[part], second[part] = found.first, found.second
+                    variance.append(found.noise**2)
+            self.signals[name], self.signals[f"der({name})"] = first, second
+            self._spread[name] = np.sqrt(np.mean(variance)) if variance else 0.0
         read = {n for effect in catalogue(self.library).values() for n in effect.measured}  # effects may come yet
         for name in [*self.question.inputs, *sorted(read)]:
             if name in self.measured:
@@ -432,7 +437,12 @@ class Dataset:
         self.speed_unit = self.base.variables[names[0]].unit if names else "rad/s"
         states = np.zeros((len(self.question.states), len(self.time)))
         self.speeds = np.array(list(self.segment_signals(self.base, parameters, names, states).values()))
-        least = self.study.w_min or segmentation.default_w_min(self.speeds)
+        noise = np.zeros(len(names))
+        for rate, spread in self._spread.items():
+            moved = self.segment_signals(self.base, parameters, names, states,
+                                         {**self.signals, rate: self.signals[rate] + spread})
+            noise += np.median((np.array(list(moved.values())) - self.speeds)**2, axis=1)
+        least = self.study.w_min or segmentation.default_w_min(self.speeds, noise=np.sqrt(noise))
         self.w_min = float(np.max(least))
         moving = segmentation.moving(self.speeds, least)
         angles = [self.measured[k] for k in self.known if k.endswith("phi") and k in self.measured]

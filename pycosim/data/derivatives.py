@@ -1,19 +1,38 @@
-"""Angles over time in; speeds and accelerations that do not lag out."""
+"""Angles and measured speeds over time in; speeds and accelerations that do not lag, and how sure they are, out.
+
+A smoothing spline: the curve that passes the angles, and the speeds where they were measured, as near as their noise
+allows with the least jerk. Up to which frequency it follows them is read off the record: the density of the
+acceleration falls with the frequency as the motion does, and rises with it as the noise of a sensor does.
+"""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import solveh_banded
+from scipy.optimize import isotonic_regression
+from scipy.signal import welch
+from scipy.sparse import block_diag, csr_array, diags_array
 
 from ..core.errors import DataError
 
-_DEGREE = 3
-_LEAST = _DEGREE + 2
-_CHUNK = 2_000_000
-_SPEED_NOISE = 0.005
-_LONGEST_WINDOW = 0.3
+_LEAST = 5
+_DEGREE, _ORDER = 5, 3  # of the splines; of the derivative whose size is the roughness, the jerk
+_GAP = 10.0  # sample intervals without a sample, over which nothing is known
+_SEGMENT = 2048  # samples of one spectrum
+_BINS = 4  # of an octave, in which a density is averaged
+_MOTION = 0.99  # of the variance of an angle, below whose frequency is motion
+_REACH, _LOOSE = 6.0, 0.3  # time constants near an end, and the share of the time constant that is left there
+_TRIED = 60  # bandwidths
+_SHORT = 16  # samples, of which no spectrum is worth taking
+_KNOTS = 0.5  # distance of the knots, over the time constant of the bandwidth
+_SAME = 1e-7  # of the travel: rounding of numbers; no sensor resolves less
 
 
-# --- derivatives ----------------------------------------------------------------------------------------------------
+# --- resolution -----------------------------------------------------------------------------------------------------
 
 
 def resolution(values):
@@ -42,86 +61,172 @@ def resolution(values):
     return float(max(noise * np.sqrt(12.0), smallest if quantised else 0.0))
 
 
-def default_window(time, quantum):
-    """Window of `derivatives` that is as short as the angle's resolution allows.
+# --- derivatives ----------------------------------------------------------------------------------------------------
 
-    Parameters
+
+@dataclass(frozen=True)
+class Derivatives:
+    """What a record of an angle says of its speed and acceleration.
+
+    Attributes
     ----------
-    time : ndarray, shape (n,)
-        [s]
-    quantum : float
-        Resolution of the angle [rad], see `resolution`.
-
-    Returns
-    -------
-    float
-        Full width [s]: the speed's scatter stays near 0.005 rad/s, with nine samples at least and 0.3 s at most (or
-        nine samples, if that is longer).
+    first, second : ndarray, shape (n,)
+        In the unit of the angle per s and per s2.
+    noise : float
+        Standard deviation of the first, well inside the record.
+    bandwidth : float
+        Frequency [Hz] up to which the record was followed.
     """
-    step = float(np.median(np.diff(time)))
-    # variance of the slope of a cubic over N = T / step samples: 75 sigma^2 / (N T^2), sigma = quantum / sqrt(12)
-    needed = (75.0 * quantum**2 / 12.0 * step / _SPEED_NOISE**2) ** (1 / 3)
-    return max(min(needed, _LONGEST_WINDOW), 8.0 * step)
+
+    first: np.ndarray
+    second: np.ndarray
+    noise: float
+    bandwidth: float
 
 
-def derivatives(time, values, window):
-    """First and second derivative by a cubic fitted to the samples around each sample.
+def derivatives(time, angle, speed=None):
+    """First and second derivative of the smooth motion behind an angle and, if there is one, its measured speed.
 
-    Symmetric in time, hence without phase lag; within half a window of the ends the window stays whole and becomes
-    one-sided. Sampling may be irregular.
+    Nothing lags: samples before and after count alike. The result is that of the same motion in other units, times
+    their ratio. Sampling may be irregular; over gaps nothing is smoothed.
 
     Parameters
     ----------
     time : ndarray, shape (n,)
         Strictly increasing [s].
-    values : ndarray, shape (n,)
-    window : float
-        Full width [s]; where it holds fewer than five samples, the five nearest in order are used.
+    angle : ndarray, shape (n,)
+        [rad], or another unit.
+    speed : ndarray, shape (n,), optional
+        In the same unit per s. Believed as far as it agrees with the angle: one that lags counts for little.
 
     Returns
     -------
-    first, second : ndarray, shape (n,)
-        In the unit of the values per s and per s2.
+    Derivatives
 
     Raises
     ------
     DataError
         Fewer than five samples.
     """
-    n = len(time)
-    if n < _LEAST:
-        raise DataError(f"{n} samples are too few for a derivative; at least {_LEAST} are needed")
-    half = window / 2 * (1 + 1e-9)  # a sample on the edge of the window is in, whatever the rounding
-    centre = np.clip(time, min(time[0] + half, time[-1]), max(time[-1] - half, time[0]))
-    low = np.searchsorted(time, centre - half, side="left")
-    high = np.searchsorted(time, centre + half, side="right")
-    few = high - low < _LEAST
-    low[few] = np.clip(np.arange(n)[few] - _LEAST // 2, 0, n - _LEAST)
-    high[few] = low[few] + _LEAST
-    width = int((high - low).max())
-    size = max(1, _CHUNK // width)
-    parts = [_local_cubic(time, values, low[k:k + size], high[k:k + size], k, width) for k in range(0, n, size)]
-    return tuple(np.concatenate(p) for p in zip(*parts))
+    if len(time) < _LEAST:
+        raise DataError(f"{len(time)} samples are too few for a derivative; at least {_LEAST} are needed")
+    step = float(np.median(np.diff(time)))
+    seen = max(resolution(angle) / np.sqrt(12.0), _SAME * float(np.ptp(angle)))
+    if seen == 0.0:
+        return Derivatives(np.zeros(len(time)), np.zeros(len(time)), 0.0, 0.0)
+    u, y = (time - time[0]) / step, (angle - angle[0]) / seen
+    band = _bandwidth(u, y, 2)
+    curve = _Curve(u, band)
+    found = curve.fit(y, band)
+    noise = max(1.0, float(np.std(y - curve.value @ found)))
+    scatter = noise * math.sqrt(band**3 / 6)  # of the slope, of white noise below the bandwidth
+    if speed is not None:
+        v = speed * (step / seen)
+        apart = 1.4826 * np.median(np.abs(v - curve.first @ found))  # the ends of a curve are less sure
+        spread = max(resolution(v) / np.sqrt(12.0), math.sqrt(max(apart**2 - scatter**2, 0.0)), _SAME * np.abs(v).max())
+        if spread < noise:  # else it says less of every frequency than the angle does
+            band = max(band, _bandwidth(u, v, 1))
+            curve = _Curve(u, band)
+            found = curve.fit(y / noise, band, v / noise, spread / noise) * noise
+            scatter = min(scatter, spread)
+    return Derivatives(curve.first @ found * (seen / step), curve.second @ found * (seen / step**2),
+                       float(scatter * seen / step), band / (2 * math.pi * step))
 
 
-def _local_cubic(time, values, low, high, first, width):
-    """Derivatives at samples first, first + 1, .. from the samples low to high - 1 of each."""
-    here = np.arange(first, first + low.size)
-    index = low[:, None] + np.arange(width)
-    inside = index < high[:, None]
-    index = np.minimum(index, time.size - 1)
-    x = np.where(inside, time[index] - time[here, None], 0.0)
-    scale = np.abs(x).max(axis=1, keepdims=True)
-    x /= scale
-    y = np.where(inside, values[index] - values[here, None], 0.0)
-    moments, right = np.empty((2 * _DEGREE + 1, low.size)), np.empty((_DEGREE + 1, low.size))
-    power = inside.astype(float)
-    for k in range(2 * _DEGREE + 1):
-        moments[k] = power.sum(axis=1)
-        if k <= _DEGREE:
-            right[k] = (power * y).sum(axis=1)
-        power *= x
-    orders = np.arange(_DEGREE + 1)
-    normal = moments[orders[:, None] + orders].transpose(2, 0, 1)
-    solution = np.linalg.solve(normal, right.T[:, :, None])[:, :, 0]
-    return solution[:, 1] / scale[:, 0], 2.0 * solution[:, 2] / scale[:, 0] ** 2
+def _bandwidth(u, values, order):
+    """Bandwidth with which a curve misses least of the motion and takes least of the noise with it [rad a sample].
+
+    The difference of this order of the values is the acceleration. Its density falls where it is that of the motion and
+    rises where it is that of noise.
+    """
+    even = np.interp(np.arange(math.floor(u[-1]) + 1.0), u, values)
+    change = np.diff(even, order)
+    if len(change) < _SHORT:
+        return math.pi
+    frequency, density = welch(change, 2 * math.pi, nperseg=min(len(change), _SEGMENT), detrend=False)
+    frequency, density = frequency[1:], np.maximum(density[1:], 1e-300)
+    # a difference shrinks what is slow; undone, the values' own density says where the motion is
+    motion = np.cumsum(density / frequency**(2 * order))
+    slow = np.searchsorted(motion, _MOTION * motion[-1])
+    first = int(np.argmax(density[:slow + 1]))
+    number = np.floor(_BINS * np.log2(frequency[first:] / frequency[first])).astype(int)
+    number = np.unique(number, return_inverse=True)[1]
+    count = np.bincount(number)
+    level = np.log(np.bincount(number, density[first:]) / count)
+    centre = np.bincount(number, frequency[first:]) / count
+    turn = centre[_turn(level, np.sqrt(count))]
+    tried = np.geomspace(turn / 2, math.pi, _TRIED)
+    # how a curve of least jerk lets go of angles, or of speeds
+    lost = 1.0 - 1.0 / (1.0 + (frequency / tried[:, None])**(2 * (_ORDER - 2 + order)))
+    error = np.where(frequency < turn, lost, 1.0 - lost)**2 @ density
+    return float(tried[np.argmin(error)])
+
+
+def _turn(level, weight):
+    """Index at which values that fall and then rise, but for their scatter, turn."""
+    def misfit(values, weights, rising):
+        if not len(values):
+            return 0.0
+        return weights @ (values - isotonic_regression(values, weights=weights, increasing=rising).x)**2
+    errors = [misfit(level[:k], weight[:k], False) + misfit(level[k:], weight[k:], True)
+              for k in range(1, len(level) + 1)]
+    return int(np.flatnonzero(np.array(errors) <= min(errors) * (1 + 1e-6))[-1])  # rounding decides no draw
+
+
+class _Curve:
+    """Splines through samples at times ``u``, counted in sample intervals."""
+
+    def __init__(self, u, band):
+        cut, edges = [int(k) for k in np.flatnonzero(np.diff(u) > _GAP) + 1], [0]
+        for k in cut:  # what is too short for a curve of its own goes with its neighbour
+            if k - edges[-1] >= _LEAST and len(u) - k >= _LEAST:
+                edges.append(k)
+        edges.append(len(u))
+        parts = [_matrices(u[a:b], max(1.0, _KNOTS / band), _REACH / band) for a, b in zip(edges, edges[1:])]
+        self.value, self.first, self.second, self.rough = (
+            csr_array(block_diag([p[k] for p in parts])) for k in range(4))
+
+    def fit(self, y, band, v=None, spread=math.inf):
+        """Coefficients of the curve that follows values, and slopes with this noise, up to a bandwidth."""
+        # as much is known of the motion as the data tell, where its bandwidth ends
+        weight = (1.0 + (band / spread)**2) / band**6
+        matrix, right = self.value.T @ self.value + weight * self.rough, self.value.T @ y
+        if v is not None:
+            matrix, right = matrix + self.first.T @ self.first / spread**2, right + self.first.T @ v / spread**2
+        return solveh_banded(_bands(matrix), right, lower=True)
+
+
+def _matrices(u, apart, reach):
+    """Spline to values, first and second derivative at the samples, and the roughness between the knots.
+
+    Within ``reach`` of the ends roughness counts for less: there the curve of least jerk would end without any.
+    """
+    inner = np.linspace(u[0], u[-1], max(1, math.ceil((u[-1] - u[0]) / apart)) + 1)
+    knots = np.r_[np.full(_DEGREE, u[0]), inner, np.full(_DEGREE, u[-1])]
+    slopes, designs = None, []
+    count = len(knots) - _DEGREE - 1
+    for order in range(_ORDER + 1):
+        degree, some = _DEGREE - order, knots[order:len(knots) - order]
+        if order:
+            width = (degree + 1) / (knots[_DEGREE + 1:_DEGREE + 1 + count - order] - knots[order:count])
+            change = diags_array([-width, width], offsets=[0, 1], shape=(count - order, count - order + 1))
+            slopes = change if slopes is None else change @ slopes
+        if order < _ORDER:
+            design = csr_array(BSpline.design_matrix(u, some, degree))
+            designs.append(design if slopes is None else csr_array(design @ slopes))
+    nodes, weights = np.polynomial.legendre.leggauss(_ORDER)
+    half = np.diff(inner)[:, None] / 2
+    there = ((inner[:-1] + inner[1:])[:, None] / 2 + half * nodes).ravel()
+    jerk = csr_array(BSpline.design_matrix(there, some, degree)) @ slopes
+    inside = np.minimum(there - u[0], u[-1] - there) / reach
+    weight = np.minimum(inside + _LOOSE, 1.0)**3
+    jerk = diags_array(np.sqrt((half * weights).ravel()) * weight) @ jerk
+    return [*designs, csr_array(jerk.T @ jerk)]
+
+
+def _bands(matrix):
+    """Lower diagonals of a symmetric matrix, as LAPACK wants them."""
+    found = np.zeros((_DEGREE + 1, matrix.shape[0]))
+    for k in range(min(_DEGREE + 1, matrix.shape[0])):
+        found[k, :matrix.shape[0] - k] = matrix.diagonal(-k)
+    return found
