@@ -437,17 +437,19 @@ class Dataset:
         self.speed_unit = self.base.variables[names[0]].unit if names else "rad/s"
         states = np.zeros((len(self.question.states), len(self.time)))
         self.speeds = np.array(list(self.segment_signals(self.base, parameters, names, states).values()))
+        self.averaged = self.study.average == "file"
         noise = np.zeros(len(names))
         for rate, spread in self._spread.items():
             moved = self.segment_signals(self.base, parameters, names, states,
                                          {**self.signals, rate: self.signals[rate] + spread})
             noise += np.median((np.array(list(moved.values())) - self.speeds)**2, axis=1)
-        least = self.study.w_min or segmentation.default_w_min(self.speeds, noise=np.sqrt(noise))
+        least = self.study.w_min or (
+            segmentation.SLOW * np.min(np.abs(self.speeds), axis=1, where=self.speeds != 0, initial=np.inf)
+            if self.averaged else segmentation.default_w_min(self.speeds, noise=np.sqrt(noise)))
         self.w_min = float(np.max(least))
         moving = segmentation.moving(self.speeds, least)
         angles = [self.measured[k] for k in self.known if k.endswith("phi") and k in self.measured]
         self.config = np.array(angles) if angles else np.cumsum(self.speeds[:1], axis=1)
-        self.averaged = self.study.average == "file"
         self.passes = (np.where(moving, self.run, -1) if self.averaged
                        else segmentation.passes(self.time, self.speeds, moving, self.run))
         self.moving = moving if self.averaged else self._trim(moving, angles)

@@ -16,8 +16,9 @@ from scipy.spatial import cKDTree
 
 from ..core.errors import DataError
 
-SLOW = 0.02
+SLOW = 0.03
 """Share of a segment's typical speed below which it is not moving: there, samples tell of the reversal alone."""
+_RANGE = 1000.0  # between the speed of most of the way and the slowest that is no rest
 _GAP = 10.0  # sample intervals without a sample that break a pass
 _FLICKER = 0.05  # s below w_min that do not break a pass: noise at its slow ends
 _PLATEAU = 0.25  # s of constant speed that make a commanded level
@@ -50,7 +51,7 @@ def _smooth(values, width):
 
 
 def typical(speeds):
-    """Mean speed along the way travelled: rest adds nothing to it, however long.
+    """Mean speed while something moves; creeping passes beside fast ones count by the time that they take.
 
     Parameters
     ----------
@@ -63,7 +64,9 @@ def typical(speeds):
         In the same units.
     """
     size = np.abs(np.atleast_2d(np.nan_to_num(speeds)))
-    return (size**2).mean(axis=1) / np.maximum(size.mean(axis=1), 1e-300)
+    fast = (size**2).mean(axis=1) / np.maximum(size.mean(axis=1), 1e-300)  # the mean along the way: rest adds nothing
+    moved = size > fast[:, None] / _RANGE
+    return (size * moved).sum(axis=1) / np.maximum(moved.sum(axis=1), 1)
 
 
 def standstill(speeds):
@@ -97,7 +100,7 @@ def standstill(speeds):
 
 
 def default_w_min(speeds, rest_mask=None, noise=0.0):
-    """Speed above which a segment is moving: the larger of 2 % of its typical speed and 5 standard deviations of noise.
+    """Speed above which a segment is moving: the larger of 3 % of its typical speed and 5 standard deviations of noise.
 
     Parameters
     ----------
