@@ -447,7 +447,7 @@ class Dataset:
             segmentation.SLOW * np.min(np.abs(self.speeds), axis=1, where=self.speeds != 0, initial=np.inf)
             if self.averaged else segmentation.default_w_min(self.speeds, noise=np.sqrt(noise)))
         self.w_min = float(np.max(least))
-        moving = segmentation.moving(self.speeds, least)
+        moving = segmentation.moving(self.speeds, least, self.run)
         angles = [self.measured[k] for k in self.known if k.endswith("phi") and k in self.measured]
         self.config = np.array(angles) if angles else np.cumsum(self.speeds[:1], axis=1)
         self.passes = (np.where(moving, self.run, -1) if self.averaged

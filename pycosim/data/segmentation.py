@@ -132,7 +132,7 @@ def _scatter(speeds):
     return 1.4826 * np.median(np.abs(np.diff(speeds, 3, axis=1)), axis=1) / np.sqrt(20.0)
 
 
-def moving(speeds, w_min):
+def moving(speeds, w_min, run=None):
     """Samples in which every segment is faster than ``w_min``.
 
     Parameters
@@ -141,6 +141,7 @@ def moving(speeds, w_min):
         [rad/s, or m/s of what slides]
     w_min : float or ndarray, shape (m,)
         In the same units.
+    run : ndarray of int, shape (n,), optional
 
     Returns
     -------
@@ -152,6 +153,7 @@ def moving(speeds, w_min):
     fast = np.abs(speeds) > np.reshape(w_min, (-1, 1))
     found = np.all(fast, axis=0)
     turned = np.any(fast[:, 1:] & fast[:, :-1] & (np.diff(np.sign(speeds), axis=1) != 0), axis=0)
+    turned &= True if run is None else np.diff(run) == 0
     found[1:] &= ~turned
     found[:-1] &= ~turned
     return found

@@ -125,6 +125,7 @@ def test_a_log_without_standstill_gets_a_share_of_its_speed():
 def test_both_sides_of_a_reversal_between_two_samples_are_left_out():
     speeds = np.array([[1.0, 0.5, 0.1, -0.3, -0.7, 0.0, 0.7]])
     np.testing.assert_array_equal(seg.moving(speeds, 0.02), [True, True, False, False, True, False, True])
+    assert seg.moving(speeds, 0.02, np.arange(7)).sum() == 6  # of runs of one sample each, none is beside another
 
 
 def test_moving_means_that_every_segment_moves():
