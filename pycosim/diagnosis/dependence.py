@@ -20,7 +20,7 @@ RELEVANT = 0.01
 SAMPLES = 20000  # that bins are compared on
 BROAD = 1.1  # times its energy in a few draws, that rounding may leave
 AGAIN = 12  # times that what was measured is rounded anew
-SHARE, FEW = 0.05, 1.5  # .. or this share of the error's energy, where few blocks hold it, and so many standard errors
+SHARE, FEW = 0.05, 2.5  # .. or this share of the error's energy, where few blocks hold it, and so many standard errors
 
 
 def noise_floor(dataset, model, fit):
