@@ -18,6 +18,8 @@ from scipy.optimize import minimize
 
 BLOCKS = 2500  # means that the memory of the noise is estimated from
 LONGEST = 32  # samples of one mean at most
+STRETCHES = 5.0
+"""Times that a log must hold the memory of its noise: what it holds less often is a trend, of which it shows one."""
 PROVED = 3.0  # logarithms of likelihood that a slow part must win
 
 
@@ -280,7 +282,7 @@ def fit_noise(residual, chain, absorbed=None, start=None):
     if means is None or variance <= 0:
         return plain
     if start is None or start.slow == 0.0:
-        times = np.linspace(math.log(means.least), math.log(means.longest), 5)[:4]
+        times = np.linspace(math.log(means.least), math.log(means.longest), 4)
         x = min(((r, t) for r in (-2.5, -1.0, 0.5) for t in times), key=means.misfit)
     else:
         x = means.inside((math.log(start.slow / start.white), math.log(start.memory)))
@@ -333,8 +335,9 @@ class _Means:
         within = float(((values - values.mean(1, keepdims=True)) ** 2).sum())
         within *= chain.colour / max(1 - (chain.colour - 1) / size, 0.5)
         lags = None if chain.lags is None else chain.lags[index].mean(1)
+        least = step * max(size / 4, 0.4)
         return cls(rows, Chain(np.r_[math.inf, apart], lags), step, size, within, len(begins) * (size - 1),
-                   step * max(size / 4, 0.4), float(regular.sum()))
+                   least, max(float(regular.sum()) / STRETCHES, 2 * least))
 
     def inside(self, x):
         """Logarithms of slow over white and of the memory, where the closed forms hold."""

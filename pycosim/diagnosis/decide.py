@@ -178,7 +178,7 @@ def _findings(table, scores):
         penalty = 2.0 * (len(candidate.parts) + len(candidate.effect.scan))
         finding = Finding(candidate.effect.id, candidate.place.name, statistic=score.value - penalty)
         finding.p_value_single = float(np.exp(-score.surprise))
-        finding.p_value = scores.family(score.surprise)
+        finding.p_value = scores.family(score.surprise, score.scanned)
         finer = scores.refined.get(candidate.key, score)
         finding.start = _start(finer.candidate, finer.coefficients)
         finding.predicted_error = scores.predicted(finer.candidate, finer.coefficients)

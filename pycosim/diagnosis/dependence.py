@@ -187,7 +187,7 @@ def dependence(dataset, model, fit, seed=0):
     """
     given = _Given.of(dataset, model, fit, seed)
     channels = {c: _dependence(given, np.arange(len(dataset.channels)) == k) for k, c in enumerate(dataset.channels)}
-    whole = _dependence(given, given.beyond_rounding())
+    whole = _dependence(given, given.beyond_rounding(), True)
     sure = [c for c in channels.values() if c.sure]
     if sure and not whole.sure:
         whole = max(sure, key=lambda c: c.variables[0]["strength"])
@@ -274,7 +274,7 @@ def stretches(dataset, problem):
     return label, label % FOLDS
 
 
-def _dependence(given, chosen):
+def _dependence(given, chosen, whole=False):
     """What the chosen channels depend on, together."""
     weights = given.weights * chosen[:, None]
     energy = float((weights * given.residual ** 2).sum())
@@ -294,7 +294,7 @@ def _dependence(given, chosen):
         found.append({"variable": name, "strength": max(0.0, float(share))})
         sure |= _beyond_chance(share, errors)
         most = max(most, (share, (k, bins)), key=lambda m: m[0])
-    if not given.dataset.paired and not given.dataset.averaged:
+    if whole and not given.dataset.paired and not given.dataset.averaged:
         sure |= _comes_and_goes(given, weights, drives, most, energy, found)
     found = [{**e, "strength": round(e["strength"], 4)} for e in found]
     return Dependence(_ordered(given.dataset, found), bool(sure))

@@ -63,14 +63,14 @@ def smallest(scores, level):
         ``effect``, ``place``, ``coefficient``, ``value``, ``unit``, ``at`` (values of the grid) and ``error_share``:
         the part of the noise that such an effect would add to the error of the channel that shows it best.
     """
-    surprise = np.quantile(scores.largest, 1 - level)
+    thresholds = {scanned: scores.threshold(level, scanned) for scanned in (False, True)}
     best = {}
     for score in scores.results:
         if not score.visible:
             continue
         candidate = score.candidate
         sided = len(candidate.parts) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
-        tail = min(np.exp(-surprise) * (2 if sided else 1), 1.0)
+        tail = min(np.exp(-thresholds[score.scanned]) * (2 if sided else 1), 1.0)
         wanted = np.sqrt(stats.chi2.isf(tail, len(candidate.parts))) + stats.norm.ppf(0.9)
         size = float(wanted * np.min(score.spread))
         if not np.isfinite(size):  # every size could hide: nothing is known to be absent

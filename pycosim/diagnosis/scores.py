@@ -36,6 +36,11 @@ class Score:
     visible: bool = False
     spread: np.ndarray | None = None
 
+    @property
+    def scanned(self):
+        """Whether it is one of thousands of numbers of cycles."""
+        return bool(self.candidate and self.candidate.extra.get("scanned"))
+
 
 class Scores:
     """Score tests of all candidates of a table.
@@ -151,8 +156,8 @@ class Scores:
         left = self.gram[-1, -1] - 2 * beta @ self.gram[:-1, -1] + beta @ self.gram[:-1, :-1] @ beta
         self.variance = max(left / max(self.samples - used, 1), 1e-300)
         # slow noise is known from as many independent stretches as the log holds, not from its samples
-        independent = sum(n.independent(t.chain) for n in self.noise)
-        self.dof = max(min(self.samples, independent) - used, 1)
+        self.independent = min(self.samples, sum(n.independent(t.chain) for n in self.noise))
+        self.used = used
 
     # ---- what a candidate predicts
 
@@ -217,8 +222,9 @@ class Scores:
         inverse, _ = least_squares.invert(gram[np.ix_(base, base)])
         cross = gram[p:-1, base] @ inverse
         schur = gram[p:-1, p:-1] - cross @ gram[base, p:-1]
-        values, vectors = np.linalg.eigh((schur + schur.T) / 2)
-        root = vectors * np.sqrt(np.maximum(values, 0))
+        size = np.sqrt(np.maximum(np.diag(gram)[p:-1], 1e-300))  # columns of any unit, each to its own rounding
+        values, vectors = np.linalg.eigh((schur + schur.T) / (2 * np.outer(size, size)))
+        root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0))
         noise = self.rng.standard_normal((self.draws, len(schur))) @ root.T
         self._absorb = base, inverse
         rounded = self._rounded(slice(p, None), cross)
@@ -235,7 +241,7 @@ class Scores:
             coarse = np.array([rounded[part].sum(0) for part in candidate.parts])
             inner = inner + coarse @ coarse.T / max(coarse.shape[1], 1)
             value, coefficients = self._fall(candidate)
-            surprise = float(self._surprise(value, d, sided))
+            surprise = float(self._surprise(value, d, sided, self._dof(candidate)))
             spread = np.sqrt(self.variance * self._inflation(candidate) * np.diag(np.linalg.inv(inner)))
             self.results.append(Score(candidate, value, surprise, coefficients, True, spread))
             if not candidate.extra.get("scanned"):
@@ -246,7 +252,8 @@ class Scores:
                     chance = np.where(sign * z[:, 0] > 0, chance, 0.0)
                 extremes[d, sided] = np.maximum(extremes.get((d, sided), 0.0), chance)
         surprises = [-self._log_chi2(chance, *kind) for kind, chance in extremes.items()]
-        self.largest = np.sort(np.max([self.scan_draws, *surprises], axis=0))
+        self.largest = {False: np.sort(np.max(surprises, axis=0)) if surprises else np.zeros(0),
+                        True: np.sort(self.scan_draws) if self.table.scans else np.zeros(0)}
 
     # ---- between the points of a grid
 
@@ -256,7 +263,7 @@ class Scores:
         for score in self.results:
             if score.visible and score.value > best.get(score.candidate.key, Score(None)).value:
                 best[score.candidate.key] = score
-        likely = [s for s in best.values() if self.family(s.surprise) < 10 * LEVEL]
+        likely = [s for s in best.values() if self.family(s.surprise, s.scanned) < 10 * LEVEL]
         self.refined, new = {s.candidate.key: s for s in likely}, []
         for score in likely:
             for grid in self._between(score.candidate):
@@ -341,11 +348,22 @@ class Scores:
         largest = np.maximum(np.abs(candidate.lower), np.abs(candidate.upper))
         return bool((SEEN * np.sqrt(self.variance / diagonal) < largest).any())
 
-    def _surprise(self, value, d, sided):
+    def _dof(self, candidate):
+        """Degrees of freedom that the noise beside a candidate is known with.
+
+        Slow noise limits what a slow column tells, and nothing of a fast one: of each column that part of its energy
+        counts with all samples which whitening leaves.
+        """
+        rows = self.p + np.array(candidate.parts).ravel()
+        plain = sum(np.diag(g)[rows].sum() / n.white ** 2 for g, n in zip(self.thin, self.noise)) * self.few
+        fast = min(float(np.diag(self.gram)[rows].sum() / max(plain, 1e-300)), 1.0)
+        return max(self.independent + fast * (self.samples - self.independent) - self.used, 1.0)
+
+    def _surprise(self, value, d, sided, dof):
         """Minus log of the single p-value of a statistic with d coefficients, for the noise's degrees of freedom."""
-        if self.dof > 1000:
+        if dof > 1000:
             return -self._log_chi2(value, d, sided)
-        log = np.log(special.fdtrc(d, self.dof, np.asarray(value) / d) + 1e-320)
+        log = np.log(special.fdtrc(d, dof, np.asarray(value) / d) + 1e-320)
         return -(log + (np.log(0.5) if sided else 0.0)) * (np.asarray(value) > 0)
 
     @staticmethod
@@ -422,25 +440,52 @@ class Scores:
                 value = float(moved @ np.linalg.lstsq(inner, moved, rcond=1e-9)[0])
                 value /= self.variance * self._inflation(candidate)
             sided = len(groups) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
-            told = self.family(float(self._surprise(value, len(groups), sided)))
+            told = self.family(float(self._surprise(value, len(groups), sided, self._dof(candidate))), score.scanned)
             found[candidate.key] = min(told, found.get(candidate.key, 1.0))
         return found
 
-    def family(self, surprise):
+    def family(self, surprise, scanned=False):
         """Family-wise p-value of a surprise.
+
+        The thousands of numbers of cycles that a ripple is searched over are a family of their own, so that they do not
+        raise the bar of everything else; the two share the level (Sidak).
 
         Parameters
         ----------
         surprise : float
             Minus log of a single p-value.
+        scanned : bool
+            Whether it is that of a ripple.
 
         Returns
         -------
         float
-            Share of the draws whose largest surprise is no smaller, this one counted among them.
+            Chance that a log without the effect shows one as large anywhere.
         """
-        above = len(self.largest) - np.searchsorted(self.largest, surprise, side="left")
-        return (1 + above) / (1 + len(self.largest))
+        largest = self.largest[scanned]
+        above = len(largest) - np.searchsorted(largest, surprise, side="left")
+        within = (1 + above) / (1 + len(largest))
+        return float(1 - (1 - within) ** self._families)
+
+    @property
+    def _families(self):
+        return sum(len(v) > 0 for v in self.largest.values()) or 1
+
+    def threshold(self, level, scanned=False):
+        """Surprise from which a family-wise p-value is below a level.
+
+        Parameters
+        ----------
+        level : float
+        scanned : bool
+            Of a ripple.
+
+        Returns
+        -------
+        float
+        """
+        within = 1 - (1 - level) ** (1 / self._families)
+        return float(np.quantile(self.largest[scanned], 1 - within)) if len(self.largest[scanned]) else 0.0
 
 
 def _summed(matrix, groups):

@@ -241,6 +241,9 @@ def improve(dataset, model=None, seed=0, progress=None):
     if len(pruned) < len(steps):
         steps = pruned
         last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 99, progress)
+    if last.verdict == "unexplained":
+        end = steps[-1]
+        steps = [*steps[:-1], replace(end, fit=least_squares.widened(dataset, end.model, end.fit))]
     return Improvement(first, last, steps)
 
 

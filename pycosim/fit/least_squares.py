@@ -8,7 +8,7 @@ length.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
@@ -48,6 +48,8 @@ class Fit:
         One a channel.
     channels : list of str
     weights : ndarray, shape (channels,)
+    conditional : bool
+        Whether something is known to be missing beside it: its intervals hold if that is the same all over the data.
     """
 
     parameters: dict
@@ -62,6 +64,7 @@ class Fit:
     channels: list
     weights: np.ndarray
     error: dict = field(default_factory=dict)
+    conditional: bool = False
 
     @property
     def stderr(self):
@@ -398,6 +401,41 @@ def _result(problem, slope, residual, gram, x, free, variables, weights, noise, 
                  x + inverse @ gram[:-1, -1], covariance, null, dof, noise, problem.names, weights)
     fitted.error = {c: float(np.sqrt(np.mean(r ** 2))) for c, r in zip(problem.names, residual)}
     return fitted
+
+
+def widened(dataset, model, fit):
+    """A fit whose intervals hold what is wrong with its model too, as far as that differs from block to block.
+
+    While something is missing, the residual is no noise: its pull on a parameter is then taken from how much it differs
+    between blocks (a sandwich with clusters), where that is more than the noise model says.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+
+    Returns
+    -------
+    Fit
+    """
+    problem = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
+    blocks, label = np.unique(problem.block, return_inverse=True)
+    p = len(fit.free)
+    if p == 0 or len(blocks) <= p + 1:
+        return replace(fit, conditional=True)
+    normal, pull = np.zeros((p, p)), np.zeros((len(blocks), p))
+    residual = dataset.residuals(model, fit.free, fit.parameters, "fit").residual(fit.values)
+    for part, _, slope in problem.blocks(fit.values):
+        for c, w in enumerate(fit.weights):
+            normal += w ** 2 * slope[c] @ slope[c].T
+            np.add.at(pull, label[part], (w ** 2 * slope[c] * residual[c, part]).T)
+    inverse = invert(normal)[0]
+    pull = pull - pull.mean(0)
+    between = inverse @ (pull.T @ pull) @ inverse * len(blocks) / (len(blocks) - p)
+    grown = np.sqrt(np.maximum(np.diag(between) / np.maximum(np.diag(fit.covariance), 1e-300), 1.0))
+    return replace(fit, covariance=fit.covariance * np.outer(grown, grown), conditional=True,
+                   dof=min(fit.dof, float(len(blocks) - 1)))
 
 
 def orthonormal(inverse):

@@ -73,7 +73,8 @@ def parameters(fit, model, seed):
     Returns
     -------
     dict
-        Beyond the contract: ``stderr``, ``fixed`` (what was not fitted) and ``weak_directions``.
+        Beyond the contract: ``stderr``, ``fixed`` (what was not fitted), ``weak_directions`` and ``conditional``
+        (something unknown is missing beside these values, and intervals are as wide as blocks differ).
     """
     found = {}
     for name in fit.free:
@@ -86,7 +87,8 @@ def parameters(fit, model, seed):
     owners = {component_name(e, p): p.components[0] for e, p in model.attached if len(p.components) == 1}
     return plain({"schema": SCHEMA, "parameters": found, "null_directions": null_directions(fit, owners),
                   "weak_directions": weak_directions(fit), "error": fit.error,
-                  "units": {c: model.unit(c) for c in fit.error}, "seed": seed, "fixed": fixed})
+                  "units": {c: model.unit(c) for c in fit.error}, "seed": seed, "fixed": fixed,
+                  "conditional": fit.conditional})
 
 
 def diagnosis(found, dataset):

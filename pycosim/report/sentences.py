@@ -182,6 +182,9 @@ def summary_parameters(result):
         rows.append((name, finite(p["value"]), f"{finite(p['ci95'][0])} to {finite(p['ci95'][1])}",
                      "" if p["unit"] == "1" else p["unit"], _note(p)))
     lines = _aligned(rows)
+    if result.get("conditional"):
+        lines.append("Something unknown is missing beside these values: they hold if it is the same all over the data; "
+                     "intervals are as wide as blocks differ.")
     directions = list(dict.fromkeys(d["text"] for d in result["null_directions"]))
     lines += [f"Not determined: {t}." for t in directions]
     lines += [f"Weak: {d['text']}." for d in result["weak_directions"]]
