@@ -167,6 +167,8 @@ class Page:
             ui.label("Open a study, or drop a log.").classes("text-lg")
             return
         step = self.bench.step
+        for line in self.bench.told:
+            ui.label(line).classes("font-bold").props("data-check")
         with ui.row().classes("items-center gap-6"):
             ui.label(f"{self.bench.study.name}: {self.bench.names()[-1]}").classes("text-lg")
             ui.label(f"error {self._errors(step.error)}")

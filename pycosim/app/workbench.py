@@ -82,6 +82,11 @@ class Workbench:
         """What the diagnosis of the last model found, or None."""
         return self.diagnosed.found if self.diagnosed else None
 
+    @property
+    def told(self):
+        """What the check of the data says, in words."""
+        return self.project.check().told if self.project else []
+
     # ---- data
 
     def open(self, path, data=None, progress=None):
@@ -118,6 +123,7 @@ class Workbench:
     def _take(self, study, data, progress):
         self._listener = progress
         project = open_project(study, data, self._say)
+        project.check()
         fitted = project.fit()
         fitted.step  # noqa: B018  computed now, not while the page is drawn
         self._say("done")

@@ -59,7 +59,7 @@ def run_verb(arguments, progress):
     with run.folder:
         if arguments.verb == "plan" and not run.has_logs:
             run.lines.append("No log was given: what is known is what the study's [parameters] say.")
-        elif arguments.verb != "export":
+        elif arguments.verb not in ("export", "check"):
             run.read()
         verbs.VERB[arguments.verb](run, arguments)
     if arguments.json:

@@ -14,6 +14,10 @@ VERBS = {
              "Makes a log of a machine with an effect that its model lacks, and finds it."),
     "new": ("a commented study to start from", None, "pycosim new HipKnee --data run1.csv",
             "Writes <rig>.toml: the rig's parameters, the columns a log needs, and the effects that can be added."),
+    "check": ("what the log is, before any physics: wiring, units, clocks, outliers", "check.json",
+              "pycosim check study.toml --data run1.csv",
+              "Signs, swaps, units and times of every column are tried. What stops the search is said with the line of "
+              "the study that mends it; [data] accept = [\"sign\"] goes on all the same."),
     "compare": ("model against measurements: errors, and where they are", "comparison.json",
                 "pycosim compare study.toml",
                 "Free parameters are fitted first; the error with the study's own values is told as well."),
@@ -42,6 +46,7 @@ VERBS = {
               "Writes run.csv, a log as the other verbs read it. Ctrl-C leaves the log up to there, and a checkpoint."),
 }
 WRITES = {
+    "check": ("check.json",),
     "compare": ("comparison.json",), "identify": ("parameters.json",), "diagnose": ("diagnosis.json",),
     "add": ("study.toml", "parameters.json", "comparison.json"),
     "improve": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",

@@ -13,6 +13,10 @@ from ..report.folder import Folder
 from .parser import VERBS, WRITES, Stopped, UsageError
 
 
+SEARCHES = "diagnose", "add", "improve", "report"
+"""Verbs that name physics, which a mistake of wiring or units must never be taken for."""
+
+
 class Run:
     """One verb on one study: what is shared by all verbs that have one.
 
@@ -37,7 +41,17 @@ class Run:
         return bool(self.project.study.runs or self.project.study.held_out)
 
     def read(self):
-        """Read the logs, and say what was used of them."""
+        """Check the logs, say what was used of them, and start no search with a mistake in them.
+
+        Raises
+        ------
+        DataError
+            A mistake of wiring or units, and the line of the study that mends it.
+        """
+        checked = self.project.check()
+        self.lines += checked.told
+        if self.verb in SEARCHES:
+            checked.refuse()
         self.lines += self.project.sentences
 
     def fit(self):
@@ -80,6 +94,12 @@ class Run:
 
 
 # --- verbs ----------------------------------------------------------------------------------------------------------
+
+
+def _check(run, arguments):
+    checked = run.project.check()
+    run.write("check.json", checked.to_dict())
+    run.lines += checked.sentences
 
 
 def _compare(run, arguments):
@@ -151,7 +171,8 @@ def _plan(run, arguments):
     run.lines += found.sentences
 
 
-VERB = {"compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add, "improve": _improve,
+VERB = {"check": _check, "compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add,
+        "improve": _improve,
         "report": _improve, "plan": _plan, "export": _export}
 
 

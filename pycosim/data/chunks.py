@@ -9,8 +9,6 @@ import numpy as np
 from ..core.errors import DataError
 from .readers import ranges
 
-SLOWEST, FASTEST = 10.0, 1e-6
-"""Median sample intervals [s] beyond which the time column cannot be in seconds."""
 _GAP = 3.0  # usual sample intervals without a sample that end a mean
 
 
@@ -53,7 +51,7 @@ class Gathered:
         self._missing = {n: [] for n in self.numbers}
         self._recorded, self._rows = set(), 0
         self._last = None  # time and row of the last sample
-        self._steps, self._wrong, self._wrong_count = [], None, 0
+        self._wrong, self._wrong_count = None, 0
         self._rest, self._done = None, []
         self._reach = (np.inf, -np.inf)  # of the times of the whole file
 
@@ -150,7 +148,7 @@ class Gathered:
         self.dropped.sort()
 
     def _follow(self, time, rows):
-        """Note where time does not run forward, and a share of the steps."""
+        """Note where time does not run forward."""
         if self._last is not None:
             time, rows = np.append(self._last[0], time), np.append(self._last[1], rows)
         step = np.diff(time)
@@ -159,7 +157,6 @@ class Gathered:
             k = wrong[0]
             self._wrong = rows[k], rows[k + 1], time[k], time[k + 1]
         self._wrong_count += wrong.size
-        self._steps.append(step[::self.every].copy())  # a view would keep all of them
         self._last = time[-1], rows[-1]
 
     def _refuse_time(self):
@@ -168,10 +165,6 @@ class Gathered:
             what = "repeats" if later == earlier else "goes backwards"
             raise DataError(f"{self.path}, row {row}: time {what}, {later:.9g} s after {earlier:.9g} s (row {before}), "
                             f"{self._wrong_count} such rows in all; one file is one run, in order of time")
-        median = float(np.median(np.concatenate(self._steps)))
-        if not FASTEST <= median <= SLOWEST:
-            raise DataError(f"{self.path}: a sample every {median:.3g} s (median) cannot be; time must be in s, or say "
-                            'its unit: [columns] time = { variable = "time", unit = "ms" }')
 
     def _average(self, part, rows):
         """Means of whole groups; the last group waits for what the next part may add to it."""

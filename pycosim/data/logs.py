@@ -15,6 +15,10 @@ from .frames import Frame
 from .readers import read_parts
 
 
+SLOWEST, FASTEST = 10.0, 1e-6
+"""Median sample intervals [s] beyond which the time column cannot be in seconds."""
+
+
 @dataclass
 class Log:
     """One run, checked.
@@ -57,7 +61,7 @@ class Log:
     held_out: bool = False
 
 
-def load(study, files=None):
+def load(study, files=None, strict=True):
     """Read the logs of a study.
 
     Parameters
@@ -65,6 +69,8 @@ def load(study, files=None):
     study : Study
     files : sequence of path, optional
         Instead of the study's own.
+    strict : bool
+        Refuse what only a wrong unit or sign can be; else that is left to `pycosim.data.checks`.
 
     Returns
     -------
@@ -79,11 +85,11 @@ def load(study, files=None):
     study = study if files is None else study.with_data(files)
     if not study.runs:
         raise DataError(f"{study.path}: no logs to fit; list them in [data] runs, or give --data FILE...")
-    logs = [read_log(path, study) for path in study.runs]
-    return logs + [replace(read_log(path, study), held_out=True) for path in study.held_out]
+    logs = [read_log(path, study, strict) for path in study.runs]
+    return logs + [replace(read_log(path, study, strict), held_out=True) for path in study.held_out]
 
 
-def read_log(path, study):
+def read_log(path, study, strict=True):
     """Read one log and refuse what a fit would silently suffer from.
 
     Parameters
@@ -91,6 +97,8 @@ def read_log(path, study):
     path : path or Frame
     study : Study
         Columns, units, labels, what to do with drop-outs, reader, average, most rows to keep apart.
+    strict : bool
+        As for `load`.
 
     Returns
     -------
@@ -118,13 +126,40 @@ def read_log(path, study):
         gathered.add(table)
     columns, rows = gathered.finish(study.drop_outs)
     meta = first.meta | ({"file_rows": count, "means_of": every} if every > 1 else {})
-    log = Log(path.name, path, columns[study.time_column], {c.variable: c.si(columns[n]) for n, c in used.items()},
+    log = Log(path.name, path, columns[study.time_column], _signals(columns, study, used),
               columns.get(study.labels), gathered.dropped, meta, rows, first.header,
               {c.variable: n for n, c in study.columns.items()})
     _check_torques(log, used)
     _check_motion(log, used)
-    _check_speeds(log)
+    if strict or study.average == "file":
+        require_units([log])
     return _average(log) if study.average == "file" else log
+
+
+def _signals(columns, study, used):
+    """Columns of a file as signals in SI units, at the times of their rows."""
+    time = columns[study.time_column]
+    return {c.variable: c.timely(time, c.si(columns[n])) for n, c in used.items()}
+
+
+def require_units(logs):
+    """Refuse logs whose times cannot be in seconds, or whose speeds are not those of their angles.
+
+    Parameters
+    ----------
+    logs : list of Log
+
+    Raises
+    ------
+    DataError
+        Says which unit is to be looked at.
+    """
+    for log in logs:
+        median = float(np.median(np.diff(log.time))) / log.meta.get("means_of", 1) if log.time.size > 1 else 1.0
+        if not FASTEST <= median <= SLOWEST:
+            raise DataError(f"{log.path}: a sample every {median:.3g} s (median) cannot be; time must be in s, or say "
+                            'its unit: [columns] time = { variable = "time", unit = "ms" }')
+        _check_speeds(log)
 
 
 def require(log, names):

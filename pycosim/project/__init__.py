@@ -3,11 +3,12 @@
 This is what ``import pycosim`` opens on. Command line, app, demo and benchmarks go through the same door.
 """
 
+from .checked import Check
 from .diagnosed import Candidate, Candidates, Diagnosis
 from .fitted import Comparison, Fitted, Parameter, Parameters
 from .planned import Plan
 from .project import Project, open_project
 from .searched import Search, Step
 
-__all__ = ["Candidate", "Candidates", "Comparison", "Diagnosis", "Fitted", "Parameter", "Parameters", "Plan", "Project",
+__all__ = ["Candidate", "Candidates", "Check", "Comparison", "Diagnosis", "Fitted", "Parameter", "Parameters", "Plan", "Project",
            "Search", "Step", "open_project"]

@@ -341,6 +341,7 @@ class Fitted(Shown):
 
     @cached_property
     def _diagnosis(self) -> Diagnosis:
+        self.project.check().refuse()
         found = search.diagnosed(self.dataset, self.model, self.solution, self.project.study.seed, self.project.say)
         made = Diagnosis(self, found)
         if found.winner is not None and self.dataset.is_test.any():
@@ -378,6 +379,7 @@ class Fitted(Shown):
         >>> fit.effects, better.effects
         ([], ['stribeck@2A'])
         """
+        self.project.check().refuse()
         text = effect if isinstance(effect, str) else effect.name
         study = replace(self.project.study, effects=[(e.id, p.name) for e, p in self.model.attached])
         name, places = search.addable(study, self.project.library, self.model, text)

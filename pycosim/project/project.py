@@ -14,8 +14,10 @@ import pandas as pd
 
 from ..compile import Library
 from ..core.errors import StudyError
+from ..data.checks import check
 from ..data.dataset import Dataset
 from ..data.frames import Frame
+from ..data.logs import Log, load, require_units
 from ..diagnosis import search
 from ..export import Export, export
 from ..fit import least_squares
@@ -24,6 +26,7 @@ from ..report.folder import Folder
 from ..study.parse import load_study
 from ..study.schema import Study
 from ..study.write import write_study
+from .checked import Check
 from .diagnosed import Diagnosis
 from .fitted import Comparison, Fitted
 from .planned import Plan
@@ -152,8 +155,42 @@ class Project(Shown):
     @cached_property
     def dataset(self) -> Dataset:
         """The logs, checked and arranged for a fit; read once."""
+        if not self.study.accept:
+            require_units(self._logs)
+        made = Dataset(self.study, self.library, self._logs)
+        finish(self.say)
+        return made
+
+    @cached_property
+    def _logs(self) -> list[Log]:
         self.say("reading the logs")
-        made = Dataset(self.study, self.library)
+        return load(self.study, strict=False)
+
+    def check(self) -> Check:
+        """What is wrong with the logs before any physics: signs, swaps, units, clocks, outliers.
+
+        Returns
+        -------
+        Check
+
+        Raises
+        ------
+        DataError
+            A log cannot be read.
+
+        Examples
+        --------
+        >>> import pycosim as pc
+        >>> pc.open("study.toml").check().blocking
+        False
+        """
+        return self._checked
+
+    @cached_property
+    def _checked(self) -> Check:
+        logs = self._logs
+        self.say("checking the logs")
+        made = Check(check(self.study, self.library, self.model, logs), self.study)
         finish(self.say)
         return made
 
@@ -255,6 +292,7 @@ class Project(Shown):
         >>> found.verdict
         'nothing_missing'
         """
+        self.check().refuse()
         dataset = self.dataset
         made = Search(self, search.improve(dataset, self.model, self.study.seed, self.say))
         finish(self.say)

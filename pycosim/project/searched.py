@@ -195,7 +195,8 @@ class Search(Shown):
         target = Path(path)
         self.project.say("writing the report")
         try:
-            charts = write_report(target, self.project.dataset, self.found, self.project.command)
+            charts = write_report(target, self.project.dataset, self.found, self.project.command,
+                                  self.project.check().checked)
             if numbers is not None:
                 write_numbers(Path(numbers), charts)
         except OSError as error:

@@ -21,11 +21,12 @@ from ..compile.effects import annotation
 from ..data.frames import Frame
 from ..diagnosis.compare import worded
 from ..fit.nullspace import number
-from . import charts, records, sentences
+from . import charts, findings, records, sentences
 from .sentences import finite
 
 HERE = Path(__file__).parent
-SECTIONS = (("measured", "What was measured"), ("against", "Model against measurement"), ("where", "Where it fails"),
+SECTIONS = (("checked", "Check of the data"), ("measured", "What was measured"),
+            ("against", "Model against measurement"), ("where", "Where it fails"),
             ("which", "Which effect is missing"), ("fall", "Watch the error fall"), ("parameters", "Parameters"),
             ("next", "What to measure next"), ("again", "How to reproduce"))
 CARDS = 4  # candidates with a card, besides those that were added
@@ -41,9 +42,12 @@ class Page:
     improvement : Improvement
     command : str
         What makes this page again.
+    checked : Checked, optional
+        What the check of the data found.
     """
 
-    def __init__(self, dataset, improvement, command):
+    def __init__(self, dataset, improvement, command, checked=None):
+        self.checked = checked
         self.dataset, self.found, self.command, self.library = dataset, improvement, command, dataset.library
         self.first, self.last = (records.diagnosis(d, dataset) for d in (improvement.first, improvement.last))
         self.parameters = records.parameters(improvement.fit, improvement.model, dataset.study.seed)
@@ -61,6 +65,7 @@ class Page:
         """
         parts = {"title": f"{self.dataset.study.name}: {self.dataset.study.rig.rsplit('.', 1)[-1]}",
                  "verdict": self.first["verdict"], "headline": self._headline(), "sections": SECTIONS,
+                 "checked": self._checked(),
                  "measured": self._measured(), "timeline": self._timeline(), "where": self._where(),
                  "which": self._which(), "fall": self._fall(), "parameters": self._parameters(), "next": self._next(),
                  "again": self._again()}
@@ -106,6 +111,16 @@ class Page:
         names = ", then ".join(f"{e.replace('_', ' ')} at {p}" for e, p in added)
         last = sentences.summary_diagnosis(self.last, self.library, final=True)[0]
         return f"Missing in the model: {names}. {last}"
+
+    # ---- what the data check says
+
+    def _checked(self):
+        if self.checked is None:
+            return {"lines": ["The data were not checked."], "tables": []}
+        rows = [(f.kind, findings.sentence(f), f.mend) for f in self.checked.findings]
+        lines = [] if any(f.told for f in self.checked.findings) else findings.every(self.checked)[-1:]
+        return {"lines": [findings.sentence(f) for f in self.checked.findings if f.told] + lines,
+                "tables": [_table("All that the check says", ("kind", "what", "line that mends it"), rows)]}
 
     # ---- what was measured
 
@@ -297,7 +312,7 @@ class Page:
                           ("The model found, in Modelica", self.found.model.text)]}
 
 
-def write_report(path, dataset, improvement, command):
+def write_report(path, dataset, improvement, command, checked=None):
     """Write the page of a search.
 
     Parameters
@@ -308,13 +323,15 @@ def write_report(path, dataset, improvement, command):
     improvement : Improvement
     command : str
         What makes this page again.
+    checked : Checked, optional
+        What the check of the data found.
 
     Returns
     -------
     list of Chart
         What is drawn on it.
     """
-    page = Page(dataset, improvement, command)
+    page = Page(dataset, improvement, command, checked)
     path.write_text(page.html(), encoding="utf-8")
     return page.charts
 

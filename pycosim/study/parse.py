@@ -382,12 +382,19 @@ def _column(source, given, where, name):
     if k_m == 0.0:
         raise source.error(where, "k_m = 0 N.m/A makes every torque zero", name)
     numbers = {key: source.take(given, key, float, where, usual, name)
-               for key, usual in (("zero", 0.0), ("gain", 1.0), ("offset", 0.0), ("sign", 1.0))}
+               for key, usual in (("zero", 0.0), ("gain", 1.0), ("offset", 0.0), ("sign", 1.0), ("late", 0.0),
+                                  ("clock", 1.0))}
     if numbers["gain"] == 0.0:
         raise source.error(where, "gain = 0 makes every reading the same", name)
     if abs(numbers["sign"]) != 1.0:
         raise source.error(where, f"sign = {numbers['sign']:g} must be 1 or -1; gain holds any other factor", name)
-    return Column(variable, unit, k_m, **{**numbers, "sign": int(numbers["sign"])})
+    wrap = source.take(given, "wrap", float, where, None, name)
+    if wrap is not None and wrap <= 0:
+        raise source.error(where, f"wrap = {wrap:g} must be above zero; it is a turn in the column's numbers", name)
+    if not 0.5 < numbers["clock"] < 2.0:
+        raise source.error(where, f"clock = {numbers['clock']:g} must be near 1, as many times as fast as the log's as "
+                           "it runs", name)
+    return Column(variable, unit, k_m, **{**numbers, "sign": int(numbers["sign"])}, wrap=wrap)
 
 
 def _effects(source, tables):

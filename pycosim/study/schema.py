@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from ..compile.effects import catalogue, find_effect, find_place
 from ..compile.model import compile_model
 from ..core import units
@@ -20,7 +22,7 @@ TABLES = ("rig", "parameters", "limits", "data", "fit", "columns", "effects")
 TOP_KEYS = ("w_min", "seed")
 RIG_KEYS = ("model", "modelica")
 SETTING_KEYS = ("value", "min", "max", "fixed")
-COLUMN_KEYS = ("variable", "unit", "k_m", "zero", "gain", "offset", "sign")
+COLUMN_KEYS = ("variable", "unit", "k_m", "zero", "gain", "offset", "sign", "wrap", "late", "clock")
 EFFECT_KEYS = ("effect", "place")
 LIMIT_KEYS = ("min", "max")
 DATA_KEYS = ("runs", "held_out", "reference", "label", "time_column", "w_min", "seed", "drop_outs",
@@ -89,6 +91,12 @@ class Column:
         Added after the gain, in ``unit``.
     sign : int
         1, or -1 where the recorder counts the other way.
+    late : float
+        The readings come this much after the others of their row [s].
+    clock : float
+        The readings' own clock runs so many times as fast as the log's, from its first row on.
+    wrap : float or None
+        Readings begin again at zero after so many, in the column's own numbers; they are continued before all else.
     """
 
     variable: str
@@ -98,11 +106,31 @@ class Column:
     gain: float = 1.0
     offset: float = 0.0
     sign: int = 1
+    wrap: float | None = None
+    late: float = 0.0
+    clock: float = 1.0
 
     @property
     def dimension(self):
         """SI unit of the column after conversion."""
         return "N.m" if self.k_m is not None else known_unit(self.unit)[0]
+
+    def timely(self, time, values):
+        """Readings at the times of their rows, for a column that comes late or has a clock of its own.
+
+        Parameters
+        ----------
+        time, values : ndarray, shape (n,)
+            [s], and any unit.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Straight between readings; at the ends the last one is kept.
+        """
+        if self.late == 0.0 and self.clock == 1.0:
+            return values
+        return np.interp(time + self.late + (self.clock - 1.0) * (time - time[0]), time, values)
 
     def si(self, values):
         """Readings to SI: ``sign (gain (reading - zero) + offset)`` in the unit, converted; a current made a torque.
@@ -116,6 +144,8 @@ class Column:
         -------
         ndarray, shape (n,)
         """
+        if self.wrap is not None:
+            values = np.unwrap(values, period=self.wrap)
         factor = self.sign * known_unit(self.unit)[1] * (1.0 if self.k_m is None else self.k_m)
         if self.gain == 1.0 and self.offset == 0.0:  # no rounding that nobody asked for
             return (values - self.zero) * factor

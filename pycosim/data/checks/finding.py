@@ -1,0 +1,172 @@
+"""What a check has seen in; a finding with its sentence, its certainty and the line that mends it, out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+from ...study.schema import COLUMN_KEYS, Column, known_unit
+from ...study.write import to_toml
+
+KINDS = ("sign", "swap", "scale", "unit", "shift", "clock", "wrap", "clipped", "stuck", "outliers", "shock", "filtered",
+         "zero", "limits", "resolution", "rest", "rate")
+DISCRETE = ("sign", "swap", "unit", "wrap", "stuck", "clock")
+"""Kinds that are right or wrong and nothing between: no physics acts like them, so a search stops at them."""
+SURE = 0.9
+"""Certainty from which a discrete mistake stops a search: a wrong stop costs a line in the study, a missed one a
+wrong physical effect."""
+FACTS = ("resolution", "rest", "rate")
+"""Kinds that describe a log, sound or not."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that the data check has to say.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    text : str
+        A plain sentence.
+    columns : list of str
+        Columns of the log.
+    certainty : float
+        0 to 1; below one half it is a question.
+    error_before, error_after : dict of str to float
+        Error of what was compared, without and with the mend, in SI units.
+    mend : str
+        Lines for the study; empty where no line can mend it.
+    times : list of (float, float)
+        Stretches [s] that are meant; empty for the whole log.
+    """
+
+    kind: str
+    text: str
+    columns: list = field(default_factory=list)
+    certainty: float = 1.0
+    error_before: dict = field(default_factory=dict)
+    error_after: dict = field(default_factory=dict)
+    mend: str = ""
+    times: list = field(default_factory=list)
+
+    @property
+    def blocks(self):
+        """Whether a search must not start before it is answered."""
+        return self.kind in DISCRETE and self.certainty >= SURE
+
+    @property
+    def told(self):
+        """Whether a verb says it unasked: all but what describes a sound log."""
+        return self.kind not in FACTS
+
+    def plain(self):
+        """The finding as ``check.json`` holds it.
+
+        Returns
+        -------
+        dict
+        """
+        return {"kind": self.kind, "columns": list(self.columns), "certainty": round(float(self.certainty), 4),
+                "text": self.text, "error_before": _rounded(self.error_before),
+                "error_after": _rounded(self.error_after), "mend": self.mend,
+                "times": [[float(a), float(b)] for a, b in self.times]}
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Everything that the check of a study's logs has found, most important first.
+
+    Attributes
+    ----------
+    findings : list of Finding
+    accepted : list of str
+        Kinds that the user has answered: they stop nothing.
+    """
+
+    findings: list
+    accepted: list = field(default_factory=list)
+
+    @property
+    def blocking(self):
+        """Findings that a search must not start with."""
+        return [f for f in self.findings if f.blocks and f.kind not in self.accepted]
+
+    def plain(self):
+        """``check.json``.
+
+        Returns
+        -------
+        dict
+        """
+        return {"schema": 1, "blocking": bool(self.blocking), "findings": [f.plain() for f in self.findings]}
+
+
+def ordered(findings):
+    """Findings, those that stop a search first, then what is wrong, then what merely describes.
+
+    Parameters
+    ----------
+    findings : list of Finding
+
+    Returns
+    -------
+    list of Finding
+    """
+    return sorted(findings, key=lambda f: (not f.blocks, not f.told, KINDS.index(f.kind), -f.certainty))
+
+
+def _rounded(errors):
+    return {n: float(f"{v:.6g}") for n, v in errors.items() if math.isfinite(v)}
+
+
+# --- lines that mend ------------------------------------------------------------------------------------------------
+
+
+def column_line(name, column):
+    """The line of ``[columns]`` that maps a column.
+
+    Parameters
+    ----------
+    name : str
+        Column of the log.
+    column : Column
+
+    Returns
+    -------
+    str
+    """
+    given = {"variable": column.variable, "unit": column.unit}
+    given |= {k: _short(getattr(column, k)) for k in COLUMN_KEYS[2:] if getattr(column, k) != getattr(Column, k)}
+    return f"{_bare(name)} = {to_toml(given)}"
+
+
+def _short(value):
+    return value if isinstance(value, int) else float(f"{value:.6g}")
+
+
+def _bare(name):
+    return to_toml({name: 0})[2:].partition(" = ")[0]
+
+
+def scaled(column, factor, unit=None, k_m=None):
+    """A column whose readings, in SI units, become ``factor`` times what they were.
+
+    Parameters
+    ----------
+    column : Column
+    factor : float
+    unit : str, optional
+        Unit that does it; else a sign or a gain does.
+    k_m : float, optional
+        Torque constant [N.m/A] where the unit is a current's.
+
+    Returns
+    -------
+    Column
+    """
+    if unit is not None:
+        return replace(column, unit=unit, k_m=k_m if known_unit(unit)[0] == "A" else None)
+    if factor == -1.0:
+        return replace(column, sign=-column.sign)
+    return replace(column, gain=column.gain * factor)

@@ -1,0 +1,66 @@
+"""Readings and the study's [limits] in; what goes beyond them, out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .finding import Finding
+
+_OVER = 0.02  # of the limit: noise, and a controller's overshoot
+_SHARE = 0.002  # of the samples that may be beyond
+
+
+def beyond(study, known):
+    """How far each limit is exceeded.
+
+    Parameters
+    ----------
+    study : Study
+    known : dict of str to ndarray
+        Values by variable.
+
+    Returns
+    -------
+    dict of str to (float, float, float)
+        By the limit's name: the value reached, the limit, and how many times the allowed it is.
+    """
+    found = {}
+    for name, (low, high) in study.limits.items():
+        parts = [p.strip() for p in name.split("+")]
+        if not all(p in known for p in parts):
+            continue
+        values = sum(known[p] for p in parts)
+        both = low is None  # a largest speed or torque holds either way
+        least, most = np.quantile(values, (_SHARE, 1 - _SHARE))
+        room = max(abs(v) for v in (low, high) if v is not None)
+        if high is not None and max(most, -least if both else most) > high + _OVER * room:
+            reached = max(most, -least if both else most)
+            found[name] = float(reached), high, float(reached / room)
+        if low is not None and least < low - _OVER * room:
+            found[name] = float(least), low, float(abs(least) / room)
+    return found
+
+
+def limits(study, known, columns, units):
+    """What goes beyond the study's limits.
+
+    Parameters
+    ----------
+    study : Study
+    known : dict of str to ndarray
+    columns : Columns
+    units : dict of str to str
+
+    Returns
+    -------
+    list of Finding
+    """
+    found = []
+    for name, (reached, limit, times) in beyond(study, known).items():
+        unit = units.get(name.split("+")[0].strip(), "")
+        side = "below" if reached < limit else "above"
+        text = f"{name} reaches {reached:.4g} {unit}, {side} the {limit:.4g} {unit} of [limits]"
+        text += "; check its unit" if times > 3 else ""
+        found.append(Finding("limits", text, [columns.of(p.strip()) for p in name.split("+")],
+                             0.95 if times > 1.1 else 0.6))
+    return found

@@ -1,0 +1,127 @@
+"""Readings in; samples far off their neighbours, and short stretches that no model follows, with their times, out."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
+
+from .finding import Finding
+
+_FAR = 10.0
+"""Robust standard deviations from the median of the neighbours: of a million normal samples none is beyond 6, and noise
+that grows with load or speed is measured around each sample."""
+_SIDE, _AROUND = 3, 100  # samples on each side of the median, and of the scatter
+_SEEN = 0.01  # of the range: nearer ones move no fit
+_SHARE = 0.05  # of the samples: more are no outliers
+_SHOCK = 12.0  # robust deviations of the residual over a tenth of a second
+_CALM = 0.3  # s to the next sample at rest
+_LONGEST = 0.5  # s that a shock lasts at most
+
+
+def outliers(logs, columns):
+    """Single samples that are far off.
+
+    Parameters
+    ----------
+    logs : list of Log
+    columns : Columns
+
+    Returns
+    -------
+    found : list of Finding
+    """
+    found = []
+    for name in sorted(set.intersection(*[set(log.signals) for log in logs])):
+        times, count, total, size = [], 0, 0, 0.0
+        for log in logs:
+            values = log.signals[name]
+            total += values.size
+            far, off = spikes(values)
+            count += far.size
+            size = max(size, float(np.abs(off).max(initial=0.0)))
+            times += [(float(log.time[max(k - 1, 0)]), float(log.time[min(k + 1, values.size - 1)])) for k in far]
+        if count and count < _SHARE * total:
+            column = columns.column(name)
+            text = (f"{count} {'samples' if count > 1 else 'sample'} of {columns.of(name)} "
+                    f"({100 * count / total:.2g} %) {'are' if count > 1 else 'is'} far off the neighbours, "
+                    f"by up to {size:.3g} {column.dimension if column else ''}; [fit] robust = true weighs them down")
+            found.append(Finding("outliers", text, [columns.of(name)], 0.99, mend="[fit]\nrobust = true",
+                                 times=times[:50]))
+    return found
+
+
+def spikes(values):
+    """Samples far off the median of their neighbours.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    at : ndarray of int
+    off : ndarray
+        How far, in the unit of the values.
+    """
+    if values.size < 2 * _AROUND:
+        return np.empty(0, int), np.empty(0)
+    off = values - median_filter(values, 2 * _SIDE + 1, mode="nearest")
+    size = np.abs(off)
+    middle = float(np.median(size))
+    whole = 1.4826 * middle if middle else 1.2533 * float(np.mean(np.minimum(size, np.quantile(size, 0.99))))
+    # the mean around, each sample limited, follows noise that grows and shrinks; a spike moves it by little
+    around = 1.2533 * uniform_filter1d(np.minimum(size, 5 * whole + 1e-300), 2 * _AROUND + 1, mode="nearest")
+    # in motion the neighbours themselves lie apart
+    travel = maximum_filter1d(np.abs(median_filter(np.diff(values, prepend=values[0]), 5, mode="nearest")), 9)
+    far = size > np.maximum(_FAR * np.maximum(whole, around), 4 * travel)
+    far &= size > _SEEN * float(np.quantile(values, 0.99) - np.quantile(values, 0.01))
+    at = np.flatnonzero(far)
+    return at, off[at]
+
+
+def shocks(readings, columns, holds):
+    """Short stretches that the model of the rig does not follow, though it follows the rest.
+
+    Parameters
+    ----------
+    readings : Readings
+        At every sample.
+    columns : Columns
+    holds : list of (relation, Agreement)
+        Agreement at every sample.
+
+    Returns
+    -------
+    list of Finding
+    """
+    hit, time, run = np.zeros(readings.time.size, bool), readings.time, readings.run
+    named = set()
+    for relation, hold in holds:
+        if not hasattr(relation, "name") or relation.level or hold.residual is None:
+            continue
+        step = float(np.median(np.diff(time)))
+        width = max(3, int(round(0.05 / max(step, 1e-9))) | 1)
+        for channel, r in zip(relation.channels, hold.residual):
+            r = np.where(hold.used, r, 0.0)
+            smooth = median_filter(r, width, mode="nearest")
+            usual = 1.4826 * np.median(np.abs(smooth[hold.used])) if hold.used.any() else 0.0
+            # at a reversal friction passes through states that the quick model does not follow
+            calm = minimum_filter1d(hold.used.astype(int), 2 * int(_CALM / max(step, 1e-9)) + 1).astype(bool)
+            far = (np.abs(smooth) > _SHOCK * usual) & calm & (usual > 0)
+            if far.any() and far.mean() < 0.005:
+                hit |= far
+                named.add(columns.of(channel))
+    spans = []
+    for a, b in _spans(hit, run):
+        if time[b] - time[a] <= _LONGEST:
+            spans.append((float(time[a]), float(time[b])))
+    if not spans:
+        return []
+    text = (f"{len(spans)} {'stretch' if len(spans) == 1 else 'stretches'} of less than {_LONGEST:g} s that the model "
+            f"does not follow in {', '.join(sorted(named))}, as after a shock")
+    return [Finding("shock", text, sorted(named), 0.7, times=spans[:50])]
+
+
+def _spans(mask, run):
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(a, b - 1) for a, b in zip(edges[::2], edges[1::2]) if run[a] == run[b - 1]]

@@ -1,0 +1,172 @@
+"""Times and readings in; how often was recorded, what rests, in which steps, and whether times are in seconds, out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from .finding import Finding, column_line
+
+_SLOWEST = 0.2
+"""s between samples from which another unit of the time is considered: a drive that is controlled is sampled faster."""
+_STILL = 0.05
+"""rad/s (or m/s) that nothing exceeds where milliseconds or microseconds are read as seconds."""
+_GAP = 5.0  # usual intervals without a sample
+_UNEVEN = 0.05  # relative scatter of the interval that is worth a word
+_MANY = 200_000  # samples of a column from which its steps are found
+
+
+def rate(logs):
+    """Rate, length and gaps of the logs.
+
+    Parameters
+    ----------
+    logs : list of Log
+
+    Returns
+    -------
+    list of Finding
+    """
+    steps = [np.diff(log.time) for log in logs]
+    usual = [float(np.median(s)) for s in steps]
+    least, most = 1 / max(usual), 1 / min(usual)
+    samples, length = sum(log.time.size for log in logs), sum(float(log.time[-1] - log.time[0]) for log in logs)
+    text = f"{samples} samples, {length:.4g} s, {most:.4g} Hz" if most < 1.02 * least else (
+        f"{samples} samples, {length:.4g} s, {least:.4g} to {most:.4g} Hz")
+    gaps = [(float(log.time[k]), float(log.time[k + 1])) for log, s, u in zip(logs, steps, usual)
+            for k in np.flatnonzero(s > _GAP * u)]
+    if gaps:
+        text += f"; {len(gaps)} {'gap' if len(gaps) == 1 else 'gaps'}, the longest {max(b - a for a, b in gaps):.3g} s"
+    uneven = max(float(1.4826 * np.median(np.abs(s - u)) / u) for s, u in zip(steps, usual))
+    if uneven > _UNEVEN:
+        text += f"; the interval scatters by {100 * uneven:.0f} %"
+    return [Finding("rate", text, times=gaps[:20])]
+
+
+def rest(logs, moving):
+    """Share of the time at rest.
+
+    Parameters
+    ----------
+    logs : list of Log
+    moving : float or None
+        Share of samples in which everything moves.
+
+    Returns
+    -------
+    list of Finding
+    """
+    if moving is None:
+        return []
+    return [Finding("rest", f"everything moves in {100 * moving:.0f} % of the samples")]
+
+
+def clock(study, logs):
+    """Milliseconds or microseconds read as seconds: nothing would move.
+
+    Parameters
+    ----------
+    study : Study
+    logs : list of Log
+
+    Returns
+    -------
+    found : list of Finding
+    factor : float
+        That makes the times seconds.
+    """
+    step = float(np.median(np.concatenate([np.diff(log.time) for log in logs])))
+    angles = [n for n in logs[0].signals if n.endswith(".phi")]
+    fastest = max((_fast(log.time, log.signals[n]) for log in logs for n in angles if n in log.signals), default=0.0)
+    told = max((float(np.quantile(np.abs(log.signals[n]), 0.99)) for log in logs for n in log.signals
+                if n.endswith(".w")), default=0.0)
+    if not fastest:
+        return [], 1.0
+    for unit, factor in (("ms", 1e-3), ("us", 1e-6)):
+        agrees = told and 0.5 < fastest / factor / told < 2.0
+        slow = step > _SLOWEST and fastest < _STILL and 1e-5 <= step * factor <= 0.2
+        if agrees or (slow and not told and fastest / factor < 1e3):
+            name = study.time_column
+            mend = f'{name} = {{ variable = "time", unit = "{unit}" }}'
+            known = study.columns.get(name)
+            if known is not None:
+                mend = column_line(name, replace(known, unit=unit))
+            text = (f"{name} is in {unit}, not in s: a sample every {step:.4g} s and a fastest motion of "
+                    f"{fastest:.3g} rad/s become {1 / (step * factor):.4g} Hz and {fastest / factor:.3g} rad/s")
+            return [Finding("unit", text, [name], 0.999 if agrees else 0.98, mend=mend)], factor
+    return [], 1.0
+
+
+def _fast(time, values):
+    if time.size < 5:
+        return 0.0
+    few = slice(None, None, max(1, time.size // 20000))
+    speed = np.abs(np.diff(values[few]) / np.diff(time[few]))
+    return float(np.quantile(speed, 0.99))
+
+
+def resolution(study, logs, columns):
+    """Steps in which the columns' numbers change.
+
+    Parameters
+    ----------
+    study : Study
+    logs : list of Log
+    columns : Columns
+
+    Returns
+    -------
+    found : list of Finding
+    raw : dict of str to float
+        Steps in the columns' own numbers; 0 where there are none.
+    """
+    found, raw = [], {}
+    for name in sorted(set.intersection(*[set(log.signals) for log in logs])):
+        column = columns.column(name)
+        step = steps(np.concatenate([log.signals[name] for log in logs])[:_MANY])
+        if column is None or not step:
+            raw[name] = 0.0
+            continue
+        factor = abs(float(column.si(np.array([1.0]))[0] - column.si(np.array([0.0]))[0]))
+        raw[name] = step / factor
+        if raw[name] > 0.999 and abs(raw[name] - round(raw[name])) < 1e-6:
+            raw[name] = 1.0  # whole numbers
+        spread = np.concatenate([log.signals[name] for log in logs])
+        levels = int(round(float(np.ptp(spread)) / step))
+        if levels > 1e6 or not levels:
+            continue
+        turn = f", {2 * math.pi / step:.6g} a turn" if column.dimension == "rad" else ""
+        found.append(Finding("resolution", f"{columns.of(name)} in steps of {step:.3g} {column.dimension}{turn}, "
+                                           f"{levels} of them over its range", [columns.of(name)]))
+    return found, raw
+
+
+def steps(values):
+    """Step that all values are whole multiples of, up to a constant; 0 where there is none worth the name.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    float
+    """
+    levels = np.unique(values)
+    if levels.size < 2:
+        return 0.0
+    gaps = np.diff(levels)
+    span = float(levels[-1] - levels[0])
+    gaps = gaps[gaps > 1e-9 * span]
+    if not gaps.size:
+        return 0.0
+    least = float(gaps.min())
+    near = gaps[gaps < 1.5 * least]
+    step = float(near.mean())  # rounding in the file scatters about the step
+    whole = (levels - levels[0]) / step
+    few = whole[whole < 2e4]
+    if levels.size > 0.9 * values.size and span / step > values.size:
+        return 0.0  # about as many levels as samples, and room for more: digits of the file
+    return step if np.mean(np.abs(few - np.round(few)) < 0.1) > 0.98 and near.size >= min(3, gaps.size) else 0.0

@@ -1,0 +1,322 @@
+"""Relations between columns in; columns that come late, on a clock of their own, or through a filter, out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from .changes import listed
+from .finding import Finding, column_line
+from .readings import Source, with_change
+from .relations import RateRelation, _winsorised, shared
+
+_LATEST = 0.2
+"""s by which a column may come late or early."""
+_FASTEST = 0.01
+"""Part by which a clock may run fast or slow."""
+_BETTER = 0.9
+"""Factor by which the error of some channel must fall at least for a shift to be worth a word."""
+_FALLEN, _DRIFTED = 1.5, 1.12
+"""Factors by which a drift must lower the error of some channel, and all together further than any shift does: only
+then two clocks are the reason."""
+_SURE = 8.0
+"""Least gain of the logarithm of the likelihood."""
+_APART = 0.05  # s that a drifting clock is off at the end at least
+_FEW = 600  # samples of a first trial
+_SEEN = 0.015
+"""Relative error from which a relation may tell of times: a load's model is no better."""
+_TINY = 1e-4  # relative error below which less is no better
+
+
+class Timing:
+    """Trial of shifts and drifts.
+
+    Parameters
+    ----------
+    readings : Readings
+    sources : dict of str to Source
+    relations : list
+    holds : dict of int to Agreement
+    columns : Columns
+    group : dict of str to list of str
+    """
+
+    def __init__(self, readings, sources, relations, holds, columns, group):
+        self.readings, self.sources, self.relations = readings, sources, relations
+        self.holds, self.columns, self.group = holds, columns, group
+        self.step = float(np.median(np.concatenate([np.diff(t) for t in readings.times])))
+        self.length = max(float(t[-1] - t[0]) for t in readings.times)
+
+    def candidates(self):
+        """Columns that may share a clock.
+
+        Returns
+        -------
+        list of tuple of str
+        """
+        sets = []
+        for role in ("torques", "references", "encoders", "speeds"):
+            members = self.group[role]
+            sets += [tuple(members)] if members else []
+            sets += [(m,) for m in members] if len(members) > 1 else []
+        angles = self.group["angles"]
+        with_speeds = tuple(dict.fromkeys([*angles, *self.group["speeds"]]))
+        sets += [s for s in dict.fromkeys([tuple(angles), with_speeds]) if s]
+        return [s for s in dict.fromkeys(sets)
+                if any(set(s) & r.variables and not r.variables <= set(s) for r in self.relations)]
+
+    def cost(self, names, shift, drift, fit=False):
+        """Sum of the logarithms of the errors that the columns are in, noise apart.
+
+        Parameters
+        ----------
+        names : tuple of str
+        shift, drift : float
+            As of `Source`.
+        fit : bool
+            Fit the model's parameters again.
+
+        Returns
+        -------
+        total : float
+        holds : dict of int to Agreement
+            By relation; of those that were fitted.
+        """
+        sources = with_change(self.sources, {n: Source(n, 1.0, shift, drift) for n in names})
+        total, holds, pairs = 0.0, {}, self.readings.partners
+        for k, relation in enumerate(self.relations):
+            if not set(names) & relation.variables:
+                continue
+            old = self.holds[k]
+            if fit or isinstance(relation, RateRelation) or relation.level:
+                holds[k] = relation.hold(self.readings, sources, old.x)
+                errors = holds[k].smooth.values()
+            else:
+                y = relation.predict(self.readings, sources, old.x)
+                r = relation.measured(self.readings, sources) - y
+                first, second = (p[old.used[pairs[0]] & old.used[pairs[1]]] for p in pairs)
+                errors = [shared(row, first, second) / old.spread[c] for c, row in zip(relation.channels, r)]
+            total += sum(math.log(max(min(e, 2.0), _TINY)) if np.isfinite(e) else 1.0 for e in errors)
+        return total, holds
+
+    def _search(self, cost, low, high, points):
+        """Least of a function on a grid, then twice within the neighbours."""
+        for zoom in (points, 7, 7):
+            grid = np.linspace(low, high, zoom)
+            k = int(np.argmin([cost(g) for g in grid]))
+            low, high = grid[max(k - 1, 0)], grid[min(k + 1, zoom - 1)]
+        return grid[k]
+
+    def best(self):
+        """The shift and the drift that explain most, each with what it does.
+
+        Returns
+        -------
+        shifted, drifted : tuple of (gain, names, shift, drift, holds), or None
+        """
+        shifted, drifted = [], []
+        steps = min(161, max(9, int(2 * _FASTEST * self.length / 0.15) | 1))
+        rough = Timing(self.readings.thinned(_FEW), self.sources, self.relations, None, self.columns, self.group)
+        rough.holds = {k: r.hold(rough.readings, self.sources, self.holds[k].x) for k, r in enumerate(self.relations)}
+        for names in self.candidates():
+            base = rough.cost(names, 0.0, 0.0)[0]
+            shift = rough._search(lambda d: rough.cost(names, d, 0.0)[0], -_LATEST, _LATEST, 17)
+            gain = base - rough.cost(names, shift, 0.0)[0]
+            if gain > 0.02:
+                shifted.append((gain, names, shift, 0.0))
+            drift = rough._search(lambda e: rough.cost(names, 0.0, e)[0], -_FASTEST, _FASTEST, steps)
+            gain = base - rough.cost(names, 0.0, drift)[0]
+            if gain > 0.1 and abs(drift) * self.length > _APART:
+                drifted.append((gain, names, 0.0, drift))
+        return self._refined(shifted), self._refined(drifted)
+
+    def _refined(self, tried):
+        """The best of the first few, after a fit of the model to each."""
+        found = []
+        for _, names, shift, drift in sorted(tried, key=lambda t: -t[0])[:3]:
+            base = self.cost(names, 0.0, 0.0, True)[0]
+            given = self.holds
+            for span in (1.0, 0.3):  # parameters and time in turn
+                self.holds = {**given, **self.cost(names, shift, drift, True)[1]}
+                if drift:
+                    span *= 0.05 / self.length
+                    drift = self._search(lambda e: self.cost(names, shift, e)[0], drift - span, drift + span, 5)
+                else:
+                    span *= 0.02
+                    shift = self._search(lambda d: self.cost(names, d, 0.0)[0], shift - span, shift + span, 5)
+            self.holds = given
+            cost, holds = self.cost(names, shift, drift, True)
+            found.append((base - cost, names, shift, drift, holds))
+        if not found:
+            return None
+        best = max(f[0] for f in found)
+        return min((f for f in found if f[0] > best - 0.05), key=lambda f: len(f[1]))
+
+    def findings(self):
+        """Findings of kind ``shift`` and ``clock``.
+
+        Returns
+        -------
+        list of Finding
+        """
+        shifted, drifted = self.best()
+        if drifted is not None and self._drifts(shifted, drifted):
+            _, names, _, drift, holds = drifted
+            _, likelihood, before, after = self._worth(holds)
+            return [self._clock(names, drift, before, after, likelihood)]
+        if shifted is None:
+            return []
+        gain, names, shift, _, holds = shifted
+        ratio, likelihood, before, after = self._worth(holds)
+        if ratio < 1 / _BETTER or likelihood < _SURE or abs(shift) < (
+                0.5 if ratio > _FALLEN else 1.5) * self.step:
+            return []
+        many = len(names) > 1
+        text = (f"{listed(self.columns.of(n) for n in names)} {'come' if many else 'comes'} {abs(shift):.3g} s "
+                f"{'late' if shift > 0 else 'early'}: {self._told(before, after)}")
+        mend = self._lines(names, late=shift)
+        return [Finding("shift", text, [self.columns.of(n) for n in names], self._share(holds), before, after,
+                        mend)]
+
+    def _drifts(self, shifted, drifted):
+        """Whether a lag that grows explains more than one that stays."""
+        falls, likelihood, *_ = self._worth(drifted[4])
+        gain, independent = drifted[0] - (shifted[0] if shifted else 0.0), min(
+            _independent(a) for a in drifted[4].values())
+        return (falls > _FALLEN and likelihood > _SURE and gain > math.log(_DRIFTED) and gain * independent > _SURE
+                and abs(drifted[3]) * self.length > _APART)
+
+    def _share(self, holds):
+        """Part of the errors' energy, noise apart, that a shift takes away: an effect that looks late leaves more."""
+        pairs = [(self.holds[k].smooth[c], e) for k, a in holds.items() for c, e in a.smooth.items()
+                 if self.holds[k].smooth[c] >= _SEEN]
+        return max(0.05, 1.0 - sum((e / old) ** 2 for old, e in pairs) / len(pairs))
+
+    def _lines(self, names, **changed):
+        """Lines of the study that read the columns at other times."""
+        columns = [(self.columns.of(n), self.columns.column(n)) for n in names]
+        return "\n".join(column_line(n, replace(c, **changed)) for n, c in columns if c is not None)
+
+    def _clock(self, names, drift, before, after, likelihood):
+        listed_names = listed(self.columns.of(n) for n in names)
+        how = "slow" if drift < 0 else "fast"
+        text = (f"the clock of {listed_names} runs {100 * abs(drift):.3g} % {how}, {abs(drift) * self.length:.3g} s at "
+                f"the end of the log: {self._told(before, after)}")
+        mend = self._lines(names, clock=1 + drift)
+        return Finding("clock", text, [self.columns.of(n) for n in names], _sure(likelihood), before, after, mend)
+
+    def _worth(self, holds):
+        """Largest factor by which an error falls, gain of the likelihood, and errors before and after."""
+        ratio, likelihood, before, after = 1.0, 0.0, {}, {}
+        for k, new in holds.items():
+            old = self.holds[k]
+            independent = _independent(new)
+            for channel in [c for c in new.smooth if old.smooth[c] >= _SEEN]:
+                fall = max(old.smooth[channel], _TINY) / max(new.smooth[channel], _TINY)
+                likelihood += independent * math.log(fall)
+                ratio = max(ratio, fall)
+                if abs(math.log(fall)) > 0.02 and channel not in before:
+                    before[channel] = old.smooth[channel] * old.spread[channel]
+                    after[channel] = new.smooth[channel] * old.spread[channel]
+        return ratio, likelihood, before, after
+
+    def _told(self, before, after):
+        told = ", ".join(f"{self.columns.of(c)} {before[c]:.3g} -> {after[c]:.3g}" for c in before)
+        return f"{told}, noise apart"
+
+
+def _independent(agreement):
+    """Stretches in which a residual keeps its sign."""
+    changes = [np.count_nonzero(np.diff(np.sign(r[agreement.used]))) for r in agreement.residual]
+    return float(max(3, 1 + min(changes)))
+
+
+def _sure(likelihood):
+    """Certainty from a gain of the logarithm of the likelihood, less what the choice among many times costs."""
+    return 1 / (1 + math.exp(-min(likelihood - 4.0, 40.0)))
+
+
+# --- filters --------------------------------------------------------------------------------------------------------
+
+_CONSTANTS = (0.003, 0.005, 0.008, 0.0125, 0.02, 0.032, 0.05, 0.08, 0.125)
+"""Time constants [s] of first-order filters that are tried."""
+_CLEAR = 0.8
+"""Factor by which the error must fall for a filter to be named, and by which it must be below that of any shift."""
+
+
+def filtered(readings, sources, relation, x, columns, group):
+    """References or torques that went through a low-pass filter.
+
+    Parameters
+    ----------
+    readings : Readings
+        At every sample.
+    sources : dict of str to Source
+    relation : ModelRelation
+        The study's own comparison.
+    x : ndarray
+        Its fitted parameters.
+    columns : Columns
+    group : dict of str to list of str
+
+    Returns
+    -------
+    list of Finding
+    """
+    y, predicted = relation.measured(readings, sources), relation.predict(readings, sources, x)
+    used, step = _settled(readings, sources, relation, x), float(np.median(np.concatenate(
+        [np.diff(t) for t in readings.times])))
+    if used.sum() < 100 or not np.isfinite(predicted).all():
+        return []
+    given = np.array([_error(a - b, used) for a, b in zip(y, predicted)])
+    best = None
+    for what in ("references", "torques"):
+        for constant in [c for c in _CONSTANTS if c >= step]:
+            one = predicted if what == "references" else y
+            slow, late, early = _low_pass(one, constant, step, readings.run)
+            other = y if what == "references" else predicted
+            there = np.array([_error(a - b, used) for a, b in zip(other, slow)])
+            # a mean takes noise away, whichever way it looks: only what the direction adds tells of a filter
+            back = np.array([_error(a - b, used) for a, b in zip(other, early)])
+            apart = np.array([_error(a - b, used) for a, b in zip(other, late)])
+            score = float(np.mean(np.log(there / np.maximum(np.minimum(np.minimum(given, back), apart), 1e-12))))
+            if best is None or score < best[0]:
+                best = score, what, constant, there
+    if best is None:
+        return []
+    score, what, constant, there = best
+    if score > math.log(_CLEAR):
+        return []
+    names = [columns.of(n) for n in group[what]]
+    before, after = ({c: float(v) for c, v in zip(relation.channels, e)} for e in (given, there))
+    text = (f"{listed(names)} went through a low-pass filter of about {constant:.2g} s: "
+            + ", ".join(f"{columns.of(c)} {before[c]:.3g} -> {after[c]:.3g}" for c in before))
+    return [Finding("filtered", text, names, 0.9, before, after)]
+
+
+def _settled(readings, sources, relation, x):
+    return relation.hold(readings, sources, x).used
+
+
+def _error(residual, used):
+    return _winsorised(residual[used])
+
+
+def _low_pass(values, constant, step, run):
+    """Values through a filter, as much smoothed but merely late, and through the filter backwards in time."""
+    keep, late = math.exp(-step / constant), max(1, int(round(constant / step)))
+    slow, shifted, early = np.empty_like(values), np.empty_like(values), np.empty_like(values)
+
+    def through(part):
+        return lfilter([1 - keep], [1, -keep], part, axis=1, zi=part[:, :1] * keep)[0]
+    for k in np.unique(run):
+        inside = run == k
+        part = values[:, inside]
+        slow[:, inside] = through(part)
+        early[:, inside] = through(part[:, ::-1])[:, ::-1]
+        even = 0.5 * (slow[:, inside] + early[:, inside])
+        shifted[:, inside] = np.concatenate([even[:, :1].repeat(late, 1), even[:, :-late]], axis=1)[:, :part.shape[1]]
+    return slow, shifted, early

@@ -1,0 +1,124 @@
+"""Angles and what the load weighs in; angles whose zero is elsewhere than the rig's, out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from .finding import Finding, column_line
+
+_VISIBLE = 0.0035
+"""rad, a fifth of a degree: less is no mounting error that anybody would correct."""
+_STEPS = 3.0  # of the readings
+_BETTER = 1.5  # factor by which the weight must be told better with another zero
+
+
+def encoder_zeros(readings, sources, relations, columns):
+    """Joint encoders that read another angle than the motors say.
+
+    Parameters
+    ----------
+    readings : Readings
+    sources : dict of str to Source
+    relations : list
+    columns : Columns
+
+    Returns
+    -------
+    list of Finding
+    """
+    found = []
+    for relation in relations:
+        if not getattr(relation, "level", False):
+            continue
+        name = relation.channels[0]
+        predicted = relation.predict(readings, sources, relation.given[relation.at])[0]
+        off = relation.measured(readings, sources)[0] - predicted
+        zero, scatter = float(np.median(off)), float(1.4826 * np.median(np.abs(off - np.median(off))))
+        if abs(zero) < max(_VISIBLE, _STEPS * scatter):
+            continue
+        column = columns.column(name)
+        text = (f"{columns.of(name)} reads {zero:.4g} rad ({math.degrees(zero):.3g} degrees) where the motors say zero")
+        found.append(Finding("zero", text, [columns.of(name)], 0.9, {name: abs(zero)}, {name: scatter},
+                             column_line(columns.of(name), _zeroed(column, zero))))
+    return found
+
+
+def _zeroed(column, zero):
+    """The column with another zero, given in SI."""
+    factor = float(column.si(np.array([1.0]))[0] - column.si(np.array([0.0]))[0])
+    return replace(column, zero=column.zero + zero / factor)
+
+
+def reference_offsets(readings, sources, relations, holds, columns):
+    """References that are off by a constant, wherever the motors and the load's weight both say so.
+
+    Parameters
+    ----------
+    readings : Readings
+    sources : dict of str to Source
+    relations : list
+    holds : dict of int to Agreement
+    columns : Columns
+
+    Returns
+    -------
+    list of Finding
+    """
+    found = []
+    for k, relation in enumerate(relations):
+        if getattr(relation, "name", "") != "weight" or not relation.free:
+            continue
+        there, offsets = relation.hold(readings, sources, holds[k].x, offset=True), relation.offsets
+        for channel, offset in zip(relation.channels, offsets):
+            column, old, new = columns.column(channel), holds[k], there
+            ratio = old.smooth[channel] / max(new.smooth[channel], 1e-9)
+            if ratio < _BETTER or old.smooth[channel] < 0.003 or abs(offset) < 2 * new.error[channel] or column is None:
+                continue
+            text = (f"{columns.of(channel)} is off by {offset:.4g} {column.dimension}, as the load's weight tells: "
+                    f"{old.error[channel]:.3g} -> {new.error[channel]:.3g}")
+            found.append(Finding("zero", text, [columns.of(channel)], min(0.9, 1 - 0.5 / ratio),
+                                 {channel: old.error[channel]}, {channel: new.error[channel]},
+                                 column_line(columns.of(channel), _zeroed(column, offset))))
+    return found
+
+
+def motor_zeros(readings, sources, relation, hold, columns, zeros):
+    """Motor angles whose zero the weight of the load shows.
+
+    Parameters
+    ----------
+    readings : Readings
+    sources : dict of str to Source
+    relation : ModelRelation
+        The weight of the load against the reference.
+    hold : Agreement
+    columns : Columns
+    zeros : dict of str to str
+        Parameter by the angle whose zero it is.
+
+    Returns
+    -------
+    list of Finding
+    """
+    zeros = {a: p for a, p in zeros.items() if p in relation.names}
+    if not zeros or columns is None:
+        return []
+    freed = relation.freed(list(zeros.values()))
+    there = freed.hold(readings, sources)
+    ratio = max(hold.relative[c] / max(there.relative[c], 1e-9) for c in hold.relative)
+    if ratio < _BETTER or max(hold.relative.values()) < 0.01:
+        return []
+    found = []
+    for angle, parameter in zeros.items():
+        value = float(there.x[freed.free.index(parameter)] - relation.given[relation.names.index(parameter)])
+        column = columns.column(angle)
+        if abs(value) < _VISIBLE or column is None:
+            continue
+        text = (f"{columns.of(angle)} reads {value:.4g} rad at the angle that the load's weight calls zero: "
+                + ", ".join(f"{columns.of(c)} {hold.error[c]:.3g} -> {there.error[c]:.3g}" for c in hold.error))
+        found.append(Finding("zero", text, [columns.of(angle)], min(0.85, 1 - 1 / ratio), dict(hold.error),
+                             dict(there.error), column_line(columns.of(angle), _zeroed(column, value))))
+    return found
