@@ -1,0 +1,223 @@
+"""Claims about the data check: every mistake of wiring and units is named with its mend, and no physics is one."""
+
+import json
+import math
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.hidden_effects import machine as rig
+from pycosim.cli.entry import main
+from pycosim.compile import Library
+from pycosim.core.errors import StudyError
+from pycosim.data.checks import DISCRETE, KINDS, check
+from pycosim.data.logs import load
+from pycosim.study.parse import load_study
+
+STUDY = (Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml").read_text(encoding="utf-8")
+MOTION = rig.six_manoeuvres(speeds=(0.5, 1.6), repeats=1, longest_pass=5.0)
+TAU, THETA, OMEGA, C = ("tau1", "tau2"), ("theta1", "theta2"), ("omega1", "omega2"), ("C_H", "C_K")
+
+
+def times(factor, *names):
+    return lambda f: f.assign(**{n: factor * f[n] for n in names})
+
+
+def swap(*pairs):
+    return lambda f: f.assign(**{a: f[b].to_numpy() for one, two in pairs for a, b in ((one, two), (two, one))})
+
+
+def late(shift, drift, *names):
+    t = MOTION.time
+    return lambda f: f.assign(**{n: np.interp(t - shift - drift * t, t, f[n]) for n in names})
+
+
+def stuck(name):
+    def change(f):
+        values = f[name].to_numpy(copy=True)
+        values[len(values) // 2:] = values[len(values) // 2]
+        return f.assign(**{name: values})
+    return change
+
+
+def counts(f):
+    return f.assign(**{n: np.round(f[n] / (2 * np.pi) * 4096) for n in THETA})
+
+
+def wrapped(f):
+    return f.assign(**{n: np.mod(f[n], 2 * np.pi) for n in THETA})
+
+
+# the change of a sound log, the kind that names it, and what the mend holds
+MISTAKES = {
+    "a torque negated": (times(-1, "tau2"), "sign", 'tau2 = { variable = "motor2.tau", unit = "N.m", sign = -1 }'),
+    "torques negated": (times(-1, *TAU), "sign", "sign = -1"),
+    "references negated": (times(-1, *C), "sign", "C_K = "),
+    "an angle and its speed negated": (times(-1, "theta1", "omega1"), "sign", "theta1 = "),
+    "a speed negated": (times(-1, "omega2"), "sign", "omega2 = "),
+    "motors swapped": (swap(*[(a, b) for a, b in (TAU, THETA, OMEGA)]), "swap", 'theta1 = { variable = "motor2.phi"'),
+    "torques swapped": (swap(TAU), "swap", 'tau1 = { variable = "motor2.tau"'),
+    "references swapped": (swap(C), "swap", 'C_H = { variable = "C_K"'),
+    "degrees": (times(180 / np.pi, *THETA), "unit", 'unit = "deg"'),
+    "revolutions a minute": (times(30 / np.pi, *OMEGA), "unit", 'unit = "rpm"'),
+    "millinewton metres": (times(1e3, *TAU), "unit", 'unit = "mN.m"'),
+    "a reference in millinewton metres": (times(1e3, *C), "unit", 'unit = "mN.m"'),
+    "amperes": (times(1 / 0.14, *TAU), "unit", 'unit = "A", k_m = 0.1'),
+    "steps of an encoder": (counts, "unit", "gain = 0.00153398"),
+    "milliseconds": (times(1e3, "time"), "unit", 'time = { variable = "time", unit = "ms" }'),
+    "an angle that begins again": (wrapped, "wrap", "wrap = 6.28319"),
+    "a torque that stays": (stuck("tau1"), "stuck", "time = [0"),
+    "a reference that stays": (stuck("C_H"), "stuck", "time = [0"),
+    "another clock": (late(0.0, 0.003, *TAU), "clock", "clock = 1.00"),
+}
+HIDDEN = {
+    "a wrong torque constant": rig.Effect("torque_constant", "motor1", g=1.2),
+    "an offset": rig.Effect("torque_offset", "motor2", o=0.15),
+    "saturation": rig.Effect("torque_saturation", "motor1", k=0.03),
+    "Stribeck": rig.Effect("stribeck", "1A", fs=0.15, ws=0.5),
+    "much viscous friction": rig.Effect("viscous", "2A", b=0.1),
+    "a payload": rig.Effect("payload", "shank", m=1.5),
+    "a spring": rig.Effect("joint_spring", "hip", k=4.0, q0=0.2),
+    "a delay": rig.Effect("time_delay", "torque", d=0.03),
+    "drift": rig.Effect("thermal_drift", "1A", k=2.0, T=20.0),
+}
+
+
+@pytest.fixture(scope="module")
+def library():
+    return Library()
+
+
+@cache
+def nothing_hidden(seed, extra, reference):
+    return rig.measure(rig.PAPER, MOTION, (), rng=seed, extra=extra, reference=reference)
+
+
+def sound(seed=1, effects=(), extra=("omega", "q"), reference="gravity_model"):
+    if not effects:
+        return nothing_hidden(seed, extra, reference).copy()
+    return rig.measure(rig.PAPER, MOTION, effects, rng=seed, extra=extra, reference=reference)
+
+
+def study(folder, frame, text=STUDY):
+    frame.to_csv(folder / "log.csv", index=False, float_format="%.10g")
+    (folder / "study.toml").write_text(text.replace("runs = []", 'runs = ["log.csv"]'))
+    return load_study(folder / "study.toml")
+
+
+def checked(library, asked):
+    return check(asked, library, asked.validate(library), load(asked, strict=False))
+
+
+def mended(text, lines):
+    """The study with the lines of a mend in their places."""
+    for line in lines.splitlines():
+        name = line.split(" = ")[0]
+        there = re.search(rf"(?m)^{re.escape(name)} = .*$", text)
+        table = "[data]\n" if name == "time" and "[" in line.split(" = ")[1][:1] else "[columns]\n"
+        text = text.replace(there[0], line) if there else text.replace(table, f"{table}{line}\n")
+    return text
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_named_and_its_mend_makes_the_log_sound(mistake, library, tmp_path):
+    change, kind, holds = MISTAKES[mistake]
+    frame = change(sound())
+    found = checked(library, study(tmp_path, frame))
+    named = [f for f in found.blocking if f.kind == kind]
+    assert named and holds in named[0].mend, [f.plain() for f in found.findings]
+    assert {f.kind for f in found.blocking} == {kind}
+    text = STUDY
+    for finding in named:
+        text = mended(text, finding.mend)
+    again = checked(library, study(tmp_path, frame, text))
+    assert not again.blocking, [f.text for f in again.blocking]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("columns", [{}, {"extra": ()}, {"reference": None}])
+def test_a_sound_log_stops_no_search(seed, columns, library, tmp_path):
+    found = checked(library, study(tmp_path, sound(seed, **columns)))
+    assert not [f.text for f in found.findings if f.kind in DISCRETE]
+
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_physics_is_no_mistake(effect, library, tmp_path):
+    found = checked(library, study(tmp_path, sound(3, [HIDDEN[effect]], reference="sensor")))
+    assert not found.blocking, [f.text for f in found.blocking]
+
+
+def test_two_mistakes_are_both_named(library, tmp_path):
+    frame = times(180 / np.pi, *THETA)(times(-1, "tau1")(sound()))
+    found = checked(library, study(tmp_path, frame))
+    assert {f.kind for f in found.blocking} == {"sign", "unit"}
+    text = STUDY
+    for finding in found.blocking:
+        text = mended(text, finding.mend)
+    assert not checked(library, study(tmp_path, frame, text)).blocking
+
+
+def test_what_is_continuous_is_said_and_stops_nothing(library, tmp_path):
+    frame = sound()
+    top = np.quantile(frame["tau1"].abs(), 0.8)
+    rng = np.random.default_rng(1)
+    spikes = frame["C_H"].to_numpy(copy=True)
+    at = rng.choice(len(spikes), 20, replace=False)
+    spikes[at] += 15.0
+    frame = frame.assign(tau1=frame["tau1"].clip(-top, top), C_H=spikes, q_H=frame["q_H"] + math.radians(2))
+    found = checked(library, study(tmp_path, frame))
+    told = {f.kind: f for f in found.findings}
+    assert not found.blocking and {"clipped", "outliers", "zero", "resolution", "rate", "rest"} <= set(told)
+    assert "zero = 0.0349" in told["zero"].mend
+    hit = [t for t in frame["time"].to_numpy()[at] if any(a <= t <= b for a, b in told["outliers"].times)]
+    assert len(hit) >= 18
+
+
+def test_what_neither_log_nor_limits_can_tell_is_asked(library, tmp_path):
+    frame = times(1 / 0.14, *TAU)(sound(reference=None))
+    asked = [f for f in checked(library, study(tmp_path, frame)).findings if f.kind == "unit"]
+    assert asked and asked[0].certainty < 0.5 and "?" in asked[0].text and "k_m" in asked[0].mend
+    assert not asked[0].blocks
+
+
+def test_a_search_stops_until_the_study_answers(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    frame = times(-1, *TAU)(sound())
+    study(tmp_path, frame)
+    assert main(["diagnose", "study.toml"]) == 2
+    said = capsys.readouterr().err
+    assert "negate tau1 and tau2" in said.lower() and "sign = -1" in said and 'accept = ["sign"]' in said
+    assert said.count("\n") == 1 and not (tmp_path / "study_diagnose").exists()
+    assert main(["check", "study.toml"]) == 0
+    assert "stop here until the study is mended" in capsys.readouterr().out
+    told = json.loads((tmp_path / "study_check" / "check.json").read_text())
+    assert told["schema"] == 1 and told["blocking"] is True
+    keys = {"kind", "columns", "certainty", "text", "error_before", "error_after", "mend", "times"}
+    assert all(set(f) == keys and f["kind"] in KINDS and 0 <= f["certainty"] <= 1 for f in told["findings"])
+    answered = study(tmp_path, frame, STUDY.replace("[data]\n", '[data]\naccept = ["sign"]\n'))
+    assert not checked(Library(), answered).blocking
+
+
+def test_every_other_verb_says_it_first(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    study(tmp_path, times(-1, *TAU)(sound()))
+    assert main(["identify", "study.toml"]) == 0
+    assert capsys.readouterr().out.startswith("Check: Negate tau1 and tau2")
+
+
+def test_a_column_may_be_read_late_with_another_clock_or_wrapped(tmp_path):
+    text = STUDY.replace('unit = "rad" }', 'unit = "rad", wrap = 6.283185307179586 }', 1).replace(
+        'unit = "N.m" }', 'unit = "N.m", late = 0.05, clock = 1.002 }', 1)
+    frame = sound()
+    changed = late(0.05, 0.002, "tau1")(frame).assign(theta1=np.mod(frame["theta1"], 2 * np.pi))
+    log = load(study(tmp_path, changed, text), strict=False)[0]
+    assert np.allclose(np.diff(log.signals["motor1.phi"]), np.diff(frame["theta1"]), atol=1e-9)
+    inner = slice(100, -100)
+    smooth = np.convolve(frame["tau1"], np.ones(9) / 9, "same") - np.convolve(log.signals["motor1.tau"], np.ones(9) / 9,
+                                                                             "same")
+    assert np.std(smooth[inner]) < 0.02
+    with pytest.raises(StudyError, match="wrap = -1 must be above zero"):
+        study(tmp_path, frame, STUDY.replace('unit = "rad" }', 'unit = "rad", wrap = -1.0 }', 1))
