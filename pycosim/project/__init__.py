@@ -10,5 +10,5 @@ from .planned import Plan
 from .project import Project, open_project
 from .searched import Search, Step
 
-__all__ = ["Candidate", "Candidates", "Check", "Comparison", "Diagnosis", "Fitted", "Parameter", "Parameters", "Plan", "Project",
-           "Search", "Step", "open_project"]
+__all__ = ["Candidate", "Candidates", "Check", "Comparison", "Diagnosis", "Fitted", "Parameter", "Parameters",
+           "Plan", "Project", "Search", "Step", "open_project"]
