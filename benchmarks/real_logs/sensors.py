@@ -126,7 +126,8 @@ def record(plant, truth, motion, world, seed):
         C = _noisy(C, plant.reference_noise * world.noise, world, shape, stream["C"], dt)
         C = [low_passed(x, world.low_pass["C"], dt) for x in C] if "C" in world.low_pass else C
     if world.outliers:
-        tau, C = (_spiked(x, world.outliers, stream["spikes"]) for x in (tau, C))
+        tau, C = (_spiked(x, world.outliers, noise, stream["spikes"])
+                  for x, noise in ((tau, plant.torque_noise), (C, plant.reference_noise)))
     log.update(zip(plant.columns["tau"], tau))
     if world.joint_bits:
         log.update(zip(plant.columns["q"], _encoded(truth.q, world.joint_bits, 2 * np.pi, stream["q"])))
@@ -156,12 +157,12 @@ def _noisy(values, white, world, shape, rng, dt):
     return [x + shape * coloured(rng, len(x), white, world.slow * white, world.slow_time, dt) for x in values]
 
 
-def _spiked(values, share, rng):
-    """Single samples far off, as lost bits or bus errors make them."""
+def _spiked(values, share, noise, rng):
+    """Single samples off by ten to sixty times the noise, as lost bits or bus errors make them."""
     found = []
     for x in values:
         x = np.array(x)
         hit = np.flatnonzero(rng.random(len(x)) < share)
-        x[hit] += rng.choice((-1, 1), len(hit)) * rng.uniform(0.5, 3.0, len(hit)) * np.ptp(x)
+        x[hit] += rng.choice((-1, 1), len(hit)) * rng.uniform(10, 60, len(hit)) * noise
         found.append(x)
     return found
