@@ -255,6 +255,17 @@ def test_ordinary_motion_is_cut_into_some_twenty_stretches_between_passes():
     assert cut(manoeuvres())[2].straight
 
 
+@pytest.mark.parametrize("stop", [0.2, 0.4, 1.0])
+def test_a_stop_at_the_end_of_a_log_changes_nothing_before_it(stop):
+    motion, rng = gait(), np.random.default_rng(1)
+    omega = motion.speeds[:2]
+    end = np.concatenate([omega[:, -1:] * np.linspace(1, 0, 30), np.zeros((2, int(stop / STEP)))], axis=1)
+    omega = np.concatenate([omega, end + 0.003 * rng.standard_normal(end.shape)], axis=1)
+    stopped = Motion(np.arange(omega.shape[1]) * STEP, np.cumsum(omega, axis=1) * STEP, segments(omega), np.empty(0))
+    np.testing.assert_allclose(seg.default_w_min(stopped.speeds), seg.default_w_min(motion.speeds), rtol=0.02)
+    assert len(cut(stopped)[2]) == len(cut(motion)[2])
+
+
 def test_a_short_log_of_ordinary_motion_still_has_ten_blocks():
     assert len(cut(gait(duration=8.0))[2]) >= 10
 
