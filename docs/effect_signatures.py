@@ -38,6 +38,7 @@ SHOWN = {
     "torque_saturation": ("motor1", {"k": 0.02}, "C_H", "motor1.tau"),
     "rotor_inertia": ("motor1", {"J": 2e-3}, "C_H", "der(der(motor1.phi))"),
     "time_delay": ("torque", {"d": 0.05}, "C_H", "time"),
+    "low_pass": ("torque", {"T": 0.05}, "C_H", "time"),
     "joint_spring": ("hip", {"k": 1.0, "q0": 0.2}, "hip.computed", "q_H"),
     "payload": ("shank", {"m": 0.5}, "knee.computed", "shank"),
     "reference_mass": ("shank", {"m": 0.3}, "knee.computed", "shank"),

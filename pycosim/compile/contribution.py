@@ -11,6 +11,7 @@ from .effects import ports
 from .model import Question, _dump, _load
 
 AHEAD = "ahead(signal.tau)"  # by how much a torque is ahead of its record
+TIMES = ("delay", "lag")  # by which a channel effect holds a record back
 
 
 def additions(library, effect):
@@ -59,7 +60,7 @@ def effect_question(library, effect):
         if effect.channel:  # adds to a record what it has not caught up with yet
             solution.symbols[AHEAD] = ca.SX.sym(AHEAD)
             values["dtau"] = -solution.symbols[AHEAD]
-        outputs = [o for o in [*additions(library, effect), "delay"] if o in values and not values[o].is_zero()]
+        outputs = [o for o in [*additions(library, effect), *TIMES] if o in values and not values[o].is_zero()]
         y = ca.vertcat(*[values[o] for o in outputs])
         states = solution.states
         rates = ca.vertcat(*[values[flat.derivatives[s]] for s in states]) if states else ca.SX(0, 1)
@@ -82,7 +83,7 @@ class Contribution:
     def __init__(self, library, effect):
         self.effect, self.question = effect, effect_question(library, effect)
         q = self.whole = self.question
-        self.question = q = q.select([o for o in q.outputs if o != "delay"])
+        self.question = q = q.select([o for o in q.outputs if o not in TIMES])
         self.defaults = {n: v.value for n, v in q.variables.items()}
         u, x, p = q.symbols()
         y = q.output(u, x, p)
@@ -94,8 +95,8 @@ class Contribution:
             parts.insert(0, whole)
         self.function = ArrayFunction(ca.Function("contribution", [u, x, p], [ca.densify(ca.cse(v)) for v in parts]))
 
-    def delay(self, grid):
-        """Delay of a channel effect at a grid point.
+    def times(self, grid):
+        """Delay and time constant of a channel effect at a grid point.
 
         Parameters
         ----------
@@ -104,13 +105,14 @@ class Contribution:
 
         Returns
         -------
-        float
+        delay, lag : float
             [s]
         """
-        values = {**self.defaults, **grid}
-        chosen = self.whole.select(["delay"])
+        values, held = {**self.defaults, **grid}, [t for t in TIMES if t in self.whole.outputs]
+        chosen = self.whole.select(held)
         arguments = [0.0] * len(chosen.inputs) + [values[p] for p in chosen.parameters]
-        return ArrayFunction(chosen.output)(arguments, 1)[0, 0]
+        found = dict(zip(held, ArrayFunction(chosen.output)(arguments, 1)[:, 0]))
+        return tuple(float(found.get(t, 0.0)) for t in TIMES)
 
     def __call__(self, signals, states, grid, n):
         """Additions, shape (coefficients, ports, n)."""

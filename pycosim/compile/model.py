@@ -47,8 +47,9 @@ class Question:
     variables : dict of str to Variable
         Unit and description of every name.
     late : dict of str to str
-        Inputs that were recorded late, and the output that says by how much. The function holds what the delay does to
-        first order about ``at(x)``, an input: there its value is exact when x is given at that much later.
+        Inputs that were recorded late, and the output that says by how much; the output ``lag(x)`` says how much of
+        it is the time constant of a filter. The function holds what the delay does to first order about ``at(x)``, an
+        input: there its value is exact when x is given at that much later.
     """
 
     inputs: list
@@ -460,7 +461,7 @@ class Model:
         every = dict.fromkeys([*wanted, *extra, *top, *inner, *named])
         outputs = [n for n in every if n in values and n not in known]
         late = self._late(wanted, known, values)
-        outputs += [n for n in late.values() if n not in outputs]
+        outputs += [n for signal, behind in late.items() for n in (behind, f"lag({signal})")]
         values = {**values, **self._shifted(late, values, outputs, solution.symbols)}
         y = ca.vertcat(*[values[n] for n in outputs])
         states = [s for s in solution.states if s in {v.name() for v in ca.symvar(y)}]
@@ -479,21 +480,29 @@ class Model:
                         ca.Function("rate", arguments, [rates], names, ["xdot"]), described, late)
 
     def _late(self, wanted, known, values):
-        """Known signals that an attached effect delays, each with the variable that holds its delay.
+        """Known signals that an attached effect holds back, each with the output that says by how much.
 
         Where the record is the answer, what is known comes as much earlier instead.
         """
         late = {}
         for effect, place in self.attached:
             for name, c in zip(component_names(effect, place), place.components) if effect.channel else ():
+                delay, lag = values[f"{name}.delay"], values[f"{name}.lag"]
                 if f"{c}.{RECORDED}" in known:
-                    late[f"{c}.{RECORDED}"] = f"{name}.delay"
+                    self._hold(late, values, f"{c}.{RECORDED}", delay + lag, lag)
                     continue
                 read = {s.name() for s in ca.symvar(ca.vertcat(*[values[n] for n in wanted]))}
                 motion = [n for n in read if n.replace("der(", "").rstrip(")") in known]
-                values[f"-{name}.delay"] = -values[f"{name}.delay"]
-                late |= {n: f"-{name}.delay" for n in sorted(motion, key=lambda n: (n.count("("), n))}
+                for n in sorted(motion, key=lambda n: (n.count("("), n)):
+                    self._hold(late, values, n, -delay - lag, 0.0)
         return late
+
+    @staticmethod
+    def _hold(late, values, signal, behind, lag):
+        """Hold a signal back by so much more, of which some by a lag."""
+        late[signal] = f"behind({signal})"
+        for name, more in ((late[signal], behind), (f"lag({signal})", lag)):
+            values[name] = values.get(name, ca.SX(0)) + more
 
     @staticmethod
     def _shifted(late, values, names, symbols):

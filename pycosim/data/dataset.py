@@ -66,7 +66,7 @@ class Dataset:
         self._segment()
         self._size()
         self._split()
-        self._views, self._slopes = {}, {}
+        self._views, self._slopes, self._rates = {}, {}, {}
 
     # ---- what is known, what is compared
 
@@ -244,7 +244,20 @@ class Dataset:
         if not question.late:
             return signals
         return undo(question, signals, self.time, self.run, parameters,
-                    {n: self._slope(n) for n in question.late if not _is_motion(n)})
+                    {n: self._slope(n) for n in question.late if not _is_motion(n)},
+                    lambda name: self._rate(signals[name]))
+
+    def _rate(self, values):
+        """Slope of a recorded signal, by a cubic through the nine samples around each."""
+        if id(values) not in self._rates:
+            found = np.zeros(len(self.time))
+            for k in np.unique(self.run):
+                part = self.run == k
+                time = self.time[part]
+                if len(time) > 8:
+                    found[part] = derivatives(time, values[part], 8 * float(np.median(np.diff(time))))[0]
+            self._rates[id(values)] = values, found  # held, so that no other array gets its number
+        return self._rates[id(values)][1]
 
     def _slope(self, name):
         """Slope of what the motion alone predicts of a signal, well inside the passes.

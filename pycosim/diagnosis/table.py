@@ -20,7 +20,7 @@ from ..data.noise import contiguous
 from ..data.instruments import rounding
 from ..data.residuals import Residuals
 from ..dynamics.delays import Record
-from ..dynamics.states import propagate
+from ..dynamics.states import propagate, scan
 
 _LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
 _ENOUGH = 20000  # samples to test by; longer logs are thinned, the noise of the residual averaged ..
@@ -188,7 +188,7 @@ class Table:
         self._kept, self._own = {}, {id(v) for v in (d.time, *self.full.values())}
         self.takes = [take for _, _, take in d._picks(d.view(self.part))]
 
-    def port_signals(self, effect, component, term=None, partner=None, delay=0.0):
+    def port_signals(self, effect, component, term=None, partner=None, times=(0.0, 0.0)):
         """Signals that an effect reads at a component, at all samples or at those of a term.
 
         Parameters
@@ -199,8 +199,8 @@ class Table:
             Number of the residual's term; its samples are thinned like the table.
         partner : str, optional
             Other component of a pair.
-        delay : float
-            Of a channel effect [s].
+        times : (float, float)
+            Delay and time constant of a channel effect [s].
 
         Returns
         -------
@@ -215,14 +215,20 @@ class Table:
         found["der(der(flange.phi))"] = self.full.get(f"der(der({component}.phi))")
         if effect.channel:
             now = found["signal.tau"]
-            found[AHEAD] = None if now is None else self._ahead(now, delay)
+            found[AHEAD] = None if now is None else self._ahead(now, *times)
         found.update({i: self.full.get(i) for i in effect.inputs})
         if term is None:
             return found
         return {n: self._taken(term, v) if isinstance(v, np.ndarray) else v for n, v in found.items()}
 
-    def _ahead(self, now, delay):
-        """What a signal is ahead of itself a delay earlier."""
+    def _ahead(self, now, delay, lag):
+        """What a signal is ahead of itself a delay earlier, or behind a filter of first order."""
+        if lag:
+            step, rise = np.diff(self.dataset.time[self.path]), np.diff(now[self.path])
+            same = np.diff(self.dataset.run[self.path]) == 0
+            step = np.where(same, step, 1.0)
+            kept = np.exp(-step / lag)
+            return self._spread(scan((same * kept)[None], (same * rise * (1 - kept) * lag / step)[None])[0])
         if id(now) not in self._records:
             self._records[id(now)] = Record(self.dataset.time, now, self.dataset.run)
         return self._spread(now[self.path] - self._records[id(now)].at(-delay, some=self.path))
@@ -341,8 +347,8 @@ class Table:
         Returns
         -------
         dict of str to ndarray
-            By kind of grid: ``time``, ``delay`` [s], ``quadrature``, ``power`` [1], ``angle``, ``travel`` [rad],
-            ``speed`` [rad/s]; without those that the data say nothing of.
+            By kind of grid: ``time``, ``delay``, ``lag`` [s], ``quadrature``, ``power`` [1], ``angle``,
+            ``travel`` [rad], ``speed`` [rad/s]; without those that the data say nothing of.
         """
         if component not in self._grids:
             self._grids[component] = self._scan_values(component)
@@ -355,7 +361,7 @@ class Table:
                   "quadrature": np.array([0.0, np.pi / 2]), "power": np.array([0.2, 0.35, 0.5, 0.65, 0.8])}
         if len(self.dataset.time) > 1:
             delays = np.median(np.diff(self.dataset.time)) * np.geomspace(0.5, 32, 12)
-            values["delay"] = np.r_[-delays[::-1], delays]
+            values["delay"], values["lag"] = np.r_[-delays[::-1], delays], delays
         angles = [v for n, v in self.full.items() if n.endswith(".beside.phi")]
         if angles:  # where a spring has no torque, in the workspace or beyond; alike for all joints, which may share it
             low, high = min(v.min() for v in angles), max(v.max() for v in angles)
@@ -472,11 +478,11 @@ class Table:
         q = contribution.question
         total, probes = 0.0, additions(self.library, contribution.effect)
         grid = {**self.dataset.means(contribution.effect), **grid}
-        delay = contribution.delay(grid) if contribution.effect.channel else 0.0
+        times = contribution.times(grid) if contribution.effect.channel else (0.0, 0.0)
         states = self._states(contribution, component, grid, partner)
         for term, response in enumerate(self.responses):
             n = response.shape[2]
-            signals = self.port_signals(contribution.effect, component, term, partner, delay)
+            signals = self.port_signals(contribution.effect, component, term, partner, times)
             added = contribution(signals, [self.takes[term](s)[::self.thin] for s in states], grid, n)
             part = 0.0
             for k, port in enumerate(q.outputs):

@@ -15,7 +15,7 @@ from ..compile import ArrayFunction
 _LEAST = 8  # samples of a log that is moved
 
 
-def undo(question, signals, time, run, parameters, slopes=None):
+def undo(question, signals, time, run, parameters, slopes=None, rate=None):
     """Signals of a question with their delays undone.
 
     Parameters
@@ -29,6 +29,9 @@ def undo(question, signals, time, run, parameters, slopes=None):
         Of those signals that are measured torques, without their noise. A spline takes noise away between samples,
         which would look like a better fit, and sees a slope where a torque jumps; with a slope, the nearest sample is
         taken along it.
+    rate : callable, optional
+        Name of such a signal to its own slope, shape (n,), noise and jumps included: what a filter of first order has
+        held back is its time constant times that.
 
     Returns
     -------
@@ -38,18 +41,21 @@ def undo(question, signals, time, run, parameters, slopes=None):
     if not question.late:
         return signals
     found = dict(signals)
-    chosen = question.select(list(question.late.values()))
+    chosen = question.select([*question.late.values(), *(f"lag({n})" for n in question.late)])
     values = ArrayFunction(chosen.output)([0.0] * (len(chosen.inputs) + len(chosen.states))
                                           + [float(parameters[n]) for n in chosen.parameters], 1)[:, 0]
-    for name, delay in zip(question.late, values):
+    for name, behind, lag in zip(question.late, *np.split(values, 2)):
+        delay = behind - lag
         if name not in (slopes or {}):
             record = Record(time, signals[name], run)
-            found[name], found[f"der({name})"] = record.at(delay), record.at(delay, 1)
+            slope = record.at(delay, 1)
+            found[name], found[f"der({name})"] = record.at(delay) + lag * slope, slope
         else:
             near, apart = _nearest(time, run, delay)
             slope = slopes[name][near]
-            found[name], found[f"der({name})"] = signals[name][near] + slope * apart, slope
-        found[f"at({name})"] = float(delay)
+            own = rate(name)[near] if lag else slope
+            found[name], found[f"der({name})"] = signals[name][near] + slope * apart + lag * own, own
+        found[f"at({name})"] = float(behind)
     return found
 
 

@@ -48,3 +48,15 @@ def test_a_model_with_a_delay_takes_the_torques_of_the_delayed_time():
     a = estimate(late, {**motion, "motor.tau": np.sin(2 * (TIME - d))}, TIME, {"time_delay_torque.d": d})
     b = estimate(bare, {**motion, "motor.tau": np.sin(2 * TIME)}, TIME)
     np.testing.assert_allclose(a["C"][20:-20], b["C"][20:-20], atol=1e-5)
+
+
+@pytest.mark.parametrize("T", [0.01, 0.05])
+def test_what_a_filter_of_first_order_has_held_back_is_given_back(T):
+    library = Library()
+    held, bare = compile_model(library, RIG, [("low_pass", "torque")]), compile_model(library, RIG)
+    motion = {"motor.phi": TIME, "der(motor.phi)": 1.0, "der(der(motor.phi))": 0.0}
+    filtered = (np.sin(2 * TIME) - 2 * T * np.cos(2 * TIME)) / (1 + (2 * T) ** 2)  # settled
+    a = estimate(held, {**motion, "motor.tau": filtered}, TIME, {"low_pass_torque.T": T})
+    b, late = (estimate(bare, {**motion, "motor.tau": tau}, TIME)["C"] for tau in (np.sin(2 * TIME), filtered))
+    np.testing.assert_allclose(a["C"][20:-20], b[20:-20], atol=1e-5)
+    assert np.abs(late - b)[20:-20].max() > 0.3 * T * 50  # a gear of 50
