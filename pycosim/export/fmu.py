@@ -13,6 +13,7 @@ from .build import binaries
 from .description import c_name, describe
 from .document import to_html
 from .modelica import to_modelica
+from .reference import reference
 from .source import WRAPPER, sources
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file inside: the same input gives the same bytes
@@ -49,7 +50,7 @@ def export_fmu(study, model, folder, fmi=2, kinds=("cs", "me"), platforms="host"
     """
     plant = describe(study, model)
     path = Path(folder) / f"{study.name}_fmi{fmi}.fmu"
-    write_fmu(path, contents(plant, fmi, kinds, platforms))
+    write_fmu(path, {**contents(plant, fmi, kinds, platforms), **reference(plant)})
     return path
 
 
