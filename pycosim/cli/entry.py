@@ -50,6 +50,8 @@ def run_verb(arguments, progress):
     if arguments.verb == "app":
         verbs.app(arguments, progress)
         return ""
+    if getattr(arguments, "studies", None):
+        return verbs.improve_many(arguments, progress)
     run = verbs.Run(arguments, progress)
     if arguments.verb == "add":
         run.project.places(arguments.effect)  # refused before a log is read

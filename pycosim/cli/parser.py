@@ -28,7 +28,9 @@ VERBS = {
     "add": ("refit with one more effect", "parameters.json", "pycosim add study.toml stribeck@2A",
             "Without a place, every place is tried and the best by cross-validation is taken."),
     "improve": ("diagnose, add, refit, until nothing is left to learn", "ladder.json",
-                "pycosim improve study.toml --data run1.csv", ""),
+                "pycosim improve study.toml --data run1.csv",
+                "Several studies are improved side by side: pycosim improve studies/*.toml --on processes. One that "
+                "fails is a row of the table; what was done is not done again."),
     "plan": ("the next experiment: what to move so that the data answers", "plan.json",
              "pycosim plan study.toml --data run1.csv --budget 120",
              "Writes plan.csv, a motion of the motors within the study's [limits]; 'pycosim cosim' can follow it."),
@@ -66,6 +68,7 @@ EXPORT = {
 }
 ROBUST = ("identify", "diagnose", "add", "improve", "report")
 """Verbs whose fits can be told to count samples that are far out for less."""
+MANY = {"improve": "; with several, DIR holds a folder for each, and studies.csv"}
 PLAN = ("--goal", "--budget", "--rate", "--criterion", "--between")
 
 
@@ -122,7 +125,13 @@ def build_parser():
             sub.add_argument("--checkpoint-every", type=float, metavar="S", dest="every",
                              help="leave a checkpoint beside DIR every S seconds, until the run has ended")
         elif verb != "demo":
-            sub.add_argument("study", metavar="STUDY", help="study file (TOML)", nargs="?" if verb == "app" else None)
+            sub.add_argument("study", metavar="STUDY", help=f"study file (TOML){MANY.get(verb, '')}",
+                             nargs={"app": "?", "improve": "+"}.get(verb))
+        if verb == "improve":
+            sub.add_argument("--on", metavar="WHERE", default="serial",
+                             help="where several studies are computed: serial (default), threads, processes, or "
+                                  "dask://HOST:PORT")
+            sub.add_argument("--workers", type=int, metavar="N", help="threads or processes (default: one a core)")
         if verb == "app":
             sub.add_argument("--port", type=int, default=8080, metavar="N", help="port of the page (default: 8080)")
             sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
@@ -173,6 +182,18 @@ def _rigs(**_):
     return list(rigs(Library()))
 
 
+def _one_or_many(arguments):
+    """Several studies of `improve` go to ``studies``; one stays in ``study``."""
+    arguments.studies = arguments.study if len(arguments.study) > 1 else []
+    arguments.study = arguments.study[0]
+    if arguments.studies and arguments.data:
+        raise UsageError("--data is for one study; with several, each names its own logs in [data] runs")
+    if not arguments.studies and arguments.on != "serial":
+        raise UsageError("--on is for several studies; one is computed here")
+    if arguments.workers is not None and arguments.workers < 1:
+        raise UsageError(f"--workers {arguments.workers}: there must be one at least")
+
+
 def complete():
     """Answer a shell that asks how to complete a line (argcomplete says so in the environment), and leave."""
     if "_ARGCOMPLETE" in os.environ:
@@ -207,12 +228,15 @@ def parse(argv):
         known += [*EXPORT, "--self-contained"] if known and arguments.verb == "export" else []
         known += ["--robust"] if known and arguments.verb in ROBUST else []
         known += ["--fmu"] if known and arguments.verb == "identify" else []
+        known += ["--on", "--workers"] if known and arguments.verb == "improve" else []
         known += PLAN if known and arguments.verb == "plan" else []
         if known and arguments.verb == "cosim":
             known += ["--until", "--resume", "--checkpoint-every", "--allow-python"]
         known += ["--port", "--no-browser"] if known and arguments.verb == "app" else []
         raise UsageError(f"unknown {what} '{unknown[0]}'{closest(unknown[0], known)}; "
                          f"see 'pycosim {arguments.verb or ''} --help'".replace("  ", " "))
+    if arguments.verb == "improve":
+        _one_or_many(arguments)
     if arguments.verb is None and argv:
         raise UsageError(f"no verb; one of {', '.join(VERBS)}")
     return arguments

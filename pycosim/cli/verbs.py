@@ -176,6 +176,30 @@ VERB = {"check": _check, "compare": _compare, "identify": _identify, "diagnose":
         "report": _improve, "plan": _plan, "export": _export}
 
 
+def improve_many(arguments, progress):
+    """Improve several studies, each in a folder of its own.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    progress : callable
+
+    Returns
+    -------
+    str
+        Text for stdout.
+    """
+    from .batch import COLUMNS, TABLE, improve_all
+    start, out = time.monotonic(), Path(arguments.out or "studies_improve")
+    rows = improve_all(arguments.studies, out, arguments.on, arguments.workers, arguments.robust, progress)
+    if arguments.json:
+        return records.to_json({"schema": 1, "studies": rows})
+    told = [[str(row[c]) for c in COLUMNS[:3]] + [row["failure"] or row["held_out_error"] or row["error"]]
+            for row in rows]
+    lines = sentences.aligned([["study", "verdict", "added", "held-out error, or why it failed"], *told])
+    return "\n".join([*lines, f"Took {time.monotonic() - start:.1f} s.", f"The table is {out / TABLE}.", ""])
+
+
 def demo(arguments, progress):
     """Make a log with a hidden effect, and find the effect.
 

@@ -14,6 +14,12 @@ from dataclasses import dataclass, field
 from ..core.errors import UnknownNameError, closest
 
 PARTNER = "partner"  # connector that goes to the other component of a pair
+# keys that an annotation __pycosim can have: of an effect, of a rig or an example, of a component
+EFFECT_KEYS = ("size", "scan", "needs", "experiment", "replaces", "refines", "place", "measured", "means", "links")
+RIG_KEYS = ("places", "joined", "channels", "load", "sensor", "encoders", "estimate", "balance", "compensate",
+            "gravity_model", "simulate", "axis")
+COMPONENT_KEYS = ("links", "gravity", "tilt")
+SCANS = ("speed", "travel", "time", "angle", "delay", "cycles", "quadrature", "power")
 
 
 @dataclass(frozen=True)
@@ -125,9 +131,13 @@ def annotation(library, name):
     Raises
     ------
     UnknownNameError
-        No such class.
+        No such class, or a key that nothing reads.
     """
-    found = {}
+    return library.memo(("annotation", name), lambda: _annotation(library, name))
+
+
+def _annotation(library, name):
+    found, known = {}, EFFECT_KEYS if is_effect(library, name) else (*RIG_KEYS, *COMPONENT_KEYS)
     for _, node in library.bases(name):
         for argument in getattr(node.annotation, "arguments", None) or []:
             value = argument.value
@@ -135,6 +145,9 @@ def annotation(library, name):
                 for modification in value.modifications:
                     for inner in modification.arguments:
                         key = str(inner.value.component)
+                        if key not in known:
+                            raise UnknownNameError(f"{name}: the annotation __pycosim has no key '{key}'"
+                                                   f"{closest(key, known)}")
                         text = inner.value.modifications[0]
                         found.setdefault(key, str(getattr(text, "value", text)))
     return found
@@ -278,6 +291,7 @@ def _effects(library):
         notes = annotation(library, name)
         scan, means = (dict(item.split(":") for item in notes.get(key, "").replace(" ", "").split(";") if item)
                        for key in ("scan", "means"))
+        _check_coefficients(name, notes, scan, means, members)
         units = _units(library, name)
         effect = Effect(
             snake(name.rsplit(".", 1)[-1]), name,
@@ -288,6 +302,24 @@ def _effects(library):
             {n: units.get(n, "1") for n in notes.get("measured", "").split()}, means, notes.get("place") == "channels",
             (node.comment or "").strip('"'))
         yield effect.id, effect
+
+
+def _check_coefficients(name, notes, scan, means, members):
+    """Refuse an effect whose annotation names coefficients that it does not have, or none."""
+    own = [n for n, (_, prefixes) in members.items() if "parameter" in prefixes]
+    size = notes.get("size", "").split()
+    for key, names in (("size", size), ("scan", scan), ("means", means)):
+        for n in names:
+            if n not in own:
+                raise UnknownNameError(f"{name}: {key} of the annotation __pycosim names no parameter of the effect, "
+                                       f"'{n}'{closest(n, own)}")
+    for n, kind in scan.items():
+        if kind not in SCANS:
+            raise UnknownNameError(f"{name}: scan of the annotation __pycosim lays no grid '{kind}' over '{n}'"
+                                   f"{closest(kind, SCANS)}")
+    if not size and not scan:
+        raise UnknownNameError(f"{name}: the annotation __pycosim does not say which coefficient is the effect's size; "
+                               f"write size=\"..\", one of {', '.join(own)}")
 
 
 def _units(library, name):

@@ -60,6 +60,25 @@ class Question:
     rate: ca.Function
     variables: dict = field(default_factory=dict)
     late: dict = field(default_factory=dict)
+    _memo: dict = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def memo(self, key, make):
+        """Return ``make()``, computed once a key and kept as long as this object.
+
+        Parameters
+        ----------
+        key : hashable
+            Begins with the name of who asks.
+        make : callable
+            Without arguments.
+
+        Returns
+        -------
+        object
+        """
+        if key not in self._memo:
+            self._memo[key] = make()
+        return self._memo[key]
 
     def symbols(self):
         """Fresh symbols for inputs, states and parameters.
@@ -117,15 +136,14 @@ class Question:
         -------
         Question
         """
-        made = self.__dict__.setdefault("_fixed", {})
-        key = tuple(sorted(values.items()))
-        if key not in made:
+        def make():
             u, x, p = self.symbols()
             q = ca.vertcat(*[values.get(n, s) for n, s in zip(self.parameters, ca.vertsplit(p))])
             output, rate = (ca.Function(f.name(), [u, x, p], [ca.cse(f(u, x, q))], ["u", "x", "p"], ["y"])
                             for f in (self.output, self.rate))
-            made[key] = replace(self, output=output, rate=rate)
-        return made[key]
+            return replace(self, output=output, rate=rate)
+
+        return self.memo(("fixed", *sorted(values.items())), make)
 
     def sliding(self):
         """The same question for sliding segments: every friction state at its limit, the sign of the speed.

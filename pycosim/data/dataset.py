@@ -56,7 +56,7 @@ class Dataset:
     """
 
     def __init__(self, study, library, logs=None):
-        self.study, self.library = study, library
+        self.study, self.library, self._memo = study, library, {}
         self.logs = load(study) if logs is None else logs
         self.base = compile_model(library, study.rig, study.effects)
         self._choose_question()
@@ -127,6 +127,24 @@ class Dataset:
         self.measured = {v: np.concatenate([log.signals[v] for log in self.logs]) for v in sorted(shared)}
         self.labels = (np.concatenate([log.labels for log in self.logs])
                        if all(log.labels is not None for log in self.logs) else None)
+
+    def memo(self, key, make):
+        """Return ``make()``, computed once a key and kept as long as this object.
+
+        Parameters
+        ----------
+        key : hashable
+            Begins with the name of who asks.
+        make : callable
+            Without arguments.
+
+        Returns
+        -------
+        object
+        """
+        if key not in self._memo:
+            self._memo[key] = make()
+        return self._memo[key]
 
     @property
     def units(self):
@@ -660,12 +678,13 @@ class Dataset:
 
     def _read(self, question):
         """Inputs that the errors, the segments' loads or the friction states depend on."""
-        if "_read" not in question.__dict__:
+        def make():
             u, x, p = question.symbols()
             chosen = question.select(self.outputs + [n for n in question.outputs if n.endswith(".L")])
             used = {s.name() for s in ca.symvar(ca.vertcat(chosen.output(u, x, p), question.rate(u, x, p)))}
-            question._read = {n for n, s in zip(question.inputs, ca.vertsplit(u)) if s.name() in used}
-        return question._read
+            return {n for n, s in zip(question.inputs, ca.vertsplit(u)) if s.name() in used}
+
+        return question.memo(("dataset.read", *self.outputs), make)
 
     def _picks(self, view):
         if not self.paired:

@@ -72,11 +72,13 @@ class Residuals:
     def _build(self):
         """Functions of value and derivatives, compiled once a question and choice of free parameters."""
         key = (tuple(self.channels), tuple(self.free), tuple(self.of_states))
-        made = self.question.__dict__.setdefault("_residual_functions", {})
-        if key not in made:
+
+        def make():
             self._compile()
-            made[key] = (self.known, self.function, self.slots, self.state_slots, self.plain)
-        self.known, self.function, self.slots, self.state_slots, self.plain = made[key]
+            return self.known, self.function, self.slots, self.state_slots, self.plain
+
+        self.known, self.function, self.slots, self.state_slots, self.plain = self.question.memo(
+            ("residuals", key), make)
 
     def _compile(self):
         q = self.selected

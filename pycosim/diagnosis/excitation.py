@@ -103,9 +103,10 @@ def varied(table):
     dataset = table.dataset
     view = dataset.view(table.part)
     index = (view.i if dataset.paired else view)[::table.thin]
+    compared = {*dataset.channels, *dataset.outputs}
     found = []
     for name, values in explanations(dataset, table.model, table.fit, index).items():
-        if name in ("C_H", "C_K", *dataset.channels):
+        if name in compared:
             continue
         passes = np.array([np.median(np.abs(values[table.group == g])) for g in np.unique(table.group)])
         steps = np.diff(np.sort(passes))

@@ -28,12 +28,13 @@ def dependent_parameters(question):
     -------
     list of str
     """
-    if "_dependent" not in question.__dict__:
+    def make():
         u, x, p = question.symbols()
         late = question.select(list(question.late.values())).output(u, x, p)
         used = {s.name() for s in ca.symvar(ca.vertcat(question.rate(u, x, p), late))}
-        question._dependent = [n for n, s in zip(question.parameters, ca.vertsplit(p)) if s.name() in used]
-    return question._dependent
+        return [n for n, s in zip(question.parameters, ca.vertsplit(p)) if s.name() in used]
+
+    return question.memo("states.dependent", make)
 
 
 def advance(rate, x, h, p):
@@ -237,8 +238,7 @@ def propagate(question, signals, time, parameters, run=None, free=(), only=None)
     h = np.where(keep, np.diff(time), 0.0)  # what lies between two logs, backwards perhaps, is no step
     inputs = _between(question, signals, n, h)
     values = [float(parameters[p]) for p in question.parameters]
-    made = question.__dict__.setdefault("_steps", {})
-    steps = made.get(tuple(chosen)) or made.setdefault(tuple(chosen), _Steps(question, chosen))
+    steps = question.memo(("states.steps", *chosen), lambda: _Steps(question, chosen))
     found = steps.coefficients([*inputs, *values, h], n - 1)
     split = 2 * len(steps.straight)
     if steps.straight:

@@ -202,24 +202,24 @@ class Moments:
 
 def _functions(problem, segments):
     """Loads of the segments, and value and derivatives of the residual by the inputs; made once a question."""
-    made = problem.question.__dict__.setdefault("_moment_functions", {})
-    key = (tuple(problem.channels), tuple(problem.free), tuple(segments))
-    if key not in made:
-        q = problem.selected
-        loads = problem.question.select([f"{c}.L" for c in segments if f"{c}.L" in problem.question.outputs])
-        u, x, p = q.symbols()
-        y = q.output(u, x, p)
-        varying = [k for k in range(len(q.inputs)) if ca.depends_on(y, u[k])]
-        columns = [k for k, n in enumerate(problem.free) if n in q.parameters]
-        slope = ca.jacobian(y, u[varying]) if varying else ca.SX(y.numel(), 0)
-        values = ca.densify(ca.horzcat(y, slope))  # channels x (1 + inputs)
-        numbers = [q.parameters.index(problem.free[k]) for k in columns]
-        rates = [ca.densify(ca.reshape(ca.jacobian(ca.vec(values), p[k]), values.shape)) for k in numbers]
-        local = ca.Function("local", [u, x, p], [ca.cse(ca.horzcat(values, *rates))])
-        load = ArrayFunction(ca.Function("load", [u, x, p], [ca.cse(loads.output(u, x, p))]))
-        made[key] = SimpleNamespace(loads=loads, load=load, varying=varying, columns=columns,
-                                    local=local, mapped={})
-    return made[key]
+    key = "moments", tuple(problem.channels), tuple(problem.free), tuple(segments)
+    return problem.question.memo(key, lambda: _made(problem, segments))
+
+
+def _made(problem, segments):
+    q = problem.selected
+    loads = problem.question.select([f"{c}.L" for c in segments if f"{c}.L" in problem.question.outputs])
+    u, x, p = q.symbols()
+    y = q.output(u, x, p)
+    varying = [k for k in range(len(q.inputs)) if ca.depends_on(y, u[k])]
+    columns = [k for k, n in enumerate(problem.free) if n in q.parameters]
+    slope = ca.jacobian(y, u[varying]) if varying else ca.SX(y.numel(), 0)
+    values = ca.densify(ca.horzcat(y, slope))  # channels x (1 + inputs)
+    numbers = [q.parameters.index(problem.free[k]) for k in columns]
+    rates = [ca.densify(ca.reshape(ca.jacobian(ca.vec(values), p[k]), values.shape)) for k in numbers]
+    local = ca.Function("local", [u, x, p], [ca.cse(ca.horzcat(values, *rates))])
+    load = ArrayFunction(ca.Function("load", [u, x, p], [ca.cse(loads.output(u, x, p))]))
+    return SimpleNamespace(loads=loads, load=load, varying=varying, columns=columns, local=local, mapped={})
 
 
 def _full(value, n):

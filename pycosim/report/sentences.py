@@ -136,8 +136,17 @@ def summary_doubt(dataset, fit):
             "zeros and the order of the columns before believing what follows."]
 
 
-def _aligned(rows):
-    """Rows of text in columns."""
+def aligned(rows):
+    """Rows of text in columns.
+
+    Parameters
+    ----------
+    rows : list of sequence of str
+
+    Returns
+    -------
+    list of str
+    """
     widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]) - 1)]
     return ["  ".join(c.ljust(w) for c, w in zip(r, (*widths, 0))).rstrip() for r in rows]
 
@@ -162,7 +171,7 @@ def summary_cosimulation(result):
         lines.append(f"Connected to nothing, so at their start values: {', '.join(result['unconnected'])}.")
     rows = [("column", "least", "largest", "rms"), *((n, *(number(r[k]) for k in ("min", "max", "rms")))
                                                     for n, r in result["columns"].items())]
-    return lines + _aligned(rows)
+    return lines + aligned(rows)
 
 
 def summary_parameters(result):
@@ -181,7 +190,7 @@ def summary_parameters(result):
     for name, p in result["parameters"].items():
         rows.append((name, finite(p["value"]), f"{finite(p['ci95'][0])} to {finite(p['ci95'][1])}",
                      "" if p["unit"] == "1" else p["unit"], _note(p)))
-    lines = _aligned(rows)
+    lines = aligned(rows)
     if result.get("conditional"):
         lines.append("Something unknown is missing beside these values: they hold if it is the same all over the data; "
                      "intervals are as wide as blocks differ.")

@@ -25,11 +25,9 @@ def _once(function):
     """Compute once for a data set, model and fit what several charts draw."""
     @wraps(function)
     def inner(dataset, model, fit, *arguments):
-        kept = dataset.__dict__.setdefault("_drawn", {})
-        key = function.__name__, id(model), id(fit), arguments
-        if key not in kept:
-            kept[key] = function(dataset, model, fit, *arguments), model, fit  # kept alive: ids are not used again
-        return kept[key][0]
+        # model and fit are kept alive with the result, so that their ids are not used again
+        key = "values", function.__name__, id(model), id(fit), arguments
+        return dataset.memo(key, lambda: (function(dataset, model, fit, *arguments), model, fit))[0]
     return inner
 
 

@@ -1,0 +1,161 @@
+"""Several studies in; each improved in a folder of its own, and a table with a row for each, out."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import os
+import time
+from concurrent.futures import as_completed
+from pathlib import Path
+
+from ..core.errors import PycosimError
+from ..core.executors import BrokenExecutor, executor
+
+TABLE = "studies.csv"
+COLUMNS = ("study", "verdict", "added", "error", "held_out_error", "seconds", "failure", "given")
+
+
+def improve_all(studies, out, where="serial", workers=None, robust=False, progress=None):
+    """Improve every study; what was done before, with the same study and logs, is not done again.
+
+    Parameters
+    ----------
+    studies : list of path
+    out : Path
+        Folder of the table, and of one folder a study.
+    where : str
+        See `pycosim.core.executors.executor`.
+    workers : int, optional
+    robust : bool
+    progress : callable, optional
+        Called with a sentence as studies end.
+
+    Returns
+    -------
+    list of dict
+        A row a study, in their order. One that failed is a row too: ``failure`` says why.
+
+    Raises
+    ------
+    ExecutorError
+        There is nowhere of that name to compute.
+    """
+    say = progress or (lambda text: None)
+    out.mkdir(parents=True, exist_ok=True)
+    folders, rows = _folders(studies), _known(out / TABLE)
+    work = {s: (str(s), str(out / folders[s]), robust) for s in studies}
+    given = {s: _given(s, robust) for s in studies}
+    rows = {s: rows[str(s)] for s in studies if _done(rows.get(str(s)), given[s], out / folders[s])}
+    killed = []
+
+    def keep(study, row):
+        rows[study] = {**row, "given": given[study]}
+        _write(out / TABLE, [rows[s] for s in studies if s in rows])
+        failed = sum(bool(r["failure"]) for r in rows.values())
+        say(f"{len(rows)} of {len(studies)} studies done{f', {failed} failed' if failed else ''}")
+
+    with executor(where, workers) as pool:
+        futures = {pool.submit(improve_one, *work[s]): s for s in studies if s not in rows}
+        for future in as_completed(futures):
+            try:
+                keep(futures[future], future.result())
+            except BrokenExecutor:  # of all that were under way, one ended the pool: each again, by itself
+                killed.append(futures[future])
+    for study in killed:
+        try:
+            with executor(where, 1) as pool:
+                keep(study, pool.submit(improve_one, *work[study]).result())
+        except BrokenExecutor:
+            keep(study, _failed(study, 0.0, "its process was killed, perhaps for want of memory"))
+    _write(out / TABLE, [rows[s] for s in studies])
+    return [rows[s] for s in studies]
+
+
+def improve_one(study, folder, robust=False):
+    """Improve one study as ``pycosim improve`` does.
+
+    Parameters
+    ----------
+    study, folder : str
+    robust : bool
+
+    Returns
+    -------
+    dict
+        Its row.
+    """
+    from .entry import run_verb
+    from .parser import parse
+    start = time.monotonic()
+    try:
+        arguments = parse(["improve", study, "--out", folder, "--quiet", *(["--robust"] if robust else [])])
+        run_verb(arguments, lambda text: None)
+    except PycosimError as error:
+        return _failed(study, time.monotonic() - start, str(error))
+    except Exception as error:  # a fault of ours is a row too: the other studies go on
+        return _failed(study, time.monotonic() - start, f"{type(error).__name__}: {error}")
+    ladder, last = (json.loads((Path(folder) / name).read_text(encoding="utf-8"))
+                    for name in ("ladder.json", "diagnosis_final.json"))
+    final, units = ladder["steps"][-1], ladder["units"]
+    added = [f"{s['added']['effect']}@{s['added']['place']}" for s in ladder["steps"] if s["added"]]
+    return {"study": study, "verdict": last["verdict"], "added": " ".join(added),
+            "error": _text(final["error"], units), "held_out_error": _text(final["held_out_error"], units),
+            "seconds": round(time.monotonic() - start, 1), "failure": ""}
+
+
+def _failed(study, seconds, why):
+    return {**dict.fromkeys(COLUMNS, ""), "study": str(study), "seconds": round(seconds, 1), "failure": why}
+
+
+def _text(error, units):
+    return "; ".join(f"{c} = {v:.4g} {units[c]}" for c, v in error.items() if v is not None)
+
+
+def _folders(studies):
+    """Folder of each study: its name, with a number where several have one."""
+    names, found = {}, {}
+    for study in studies:
+        name = Path(study).stem
+        names[name] = names.get(name, 0) + 1
+        found[study] = name if names[name] == 1 else f"{name}_{names[name]}"
+    return found
+
+
+def _given(study, robust):
+    """Hash of what a study's result depends on: its text, and name, size and time of its logs and Modelica files."""
+    from ..study.parse import load_study
+    made = hashlib.sha256(str(robust).encode())
+    try:
+        known = load_study(study)
+        made.update(Path(study).read_bytes())
+        for path in (*known.runs, *known.held_out, *known.modelica):
+            state = os.stat(path)
+            made.update(f"{path}\0{state.st_size}\0{state.st_mtime_ns}".encode())
+    except (PycosimError, OSError):
+        return ""  # it will fail, and is to be tried anew each time
+    return made.hexdigest()[:16]
+
+
+def _done(row, given, folder):
+    return bool(row and given and row["given"] == given and not row["failure"] and (folder / "ladder.json").exists())
+
+
+def _known(path):
+    """Rows of an earlier table, by study."""
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            return {row["study"]: row for row in csv.DictReader(stream) if set(COLUMNS) <= set(row)}
+    except OSError:
+        return {}
+
+
+def _write(path, rows):
+    """Write the table whole, so that a crash leaves the one before."""
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    with new.open("w", newline="", encoding="utf-8") as stream:
+        table = csv.DictWriter(stream, COLUMNS)
+        table.writeheader()
+        table.writerows(rows)
+    os.replace(new, path)

@@ -1,0 +1,38 @@
+"""Claims about what an effect's annotation may say: a slip is told with the nearest thing, not met later as a riddle."""
+
+import pytest
+
+from pycosim.compile import Library, catalogue
+from pycosim.compile.effects import annotation
+from pycosim.core.errors import UnknownNameError
+
+EFFECT = '''model QuadraticDrag "Friction that grows with the square of the speed"
+  extends DriveTrain.Interfaces.SegmentEffect(dF=k * friction.w^2);
+  parameter Real k(unit="N.m.s2/rad2", min=0, max=1, nominal=1e-3) = 0 "Drag coefficient";
+  annotation(__pycosim(size="k", needs="speeds", experiment="repeat the passes at three or more speeds"));
+end QuadraticDrag;
+'''
+
+
+def read(folder, old, new):
+    assert old in EFFECT
+    path = folder / "drag.mo"
+    path.write_text(EFFECT.replace(old, new))
+    return Library([path])
+
+
+@pytest.mark.parametrize("old, new, message", [
+    ('size="k"', 'sise="k"', "no key 'sise'; closest: 'size'"),
+    ('size="k"', 'size="c"', "size .* names no parameter of the effect, 'c'; known: k"),
+    ('size="k"', 'size="k", scan="w:speed"', "scan .* names no parameter of the effect, 'w'"),
+    ('size="k"', 'size="k", scan="k:sped"', "lays no grid 'sped' over 'k'; closest: 'speed'"),
+    ('size="k", ', "", "does not say which coefficient is the effect's size")])
+def test_a_slip_in_an_annotation_is_told_with_the_nearest_thing(tmp_path, old, new, message):
+    with pytest.raises(UnknownNameError, match=message):
+        catalogue(read(tmp_path, old, new))
+
+
+def test_every_class_of_the_library_has_known_keys(tmp_path):
+    library = read(tmp_path, "k * friction", "2 * k * friction")
+    assert "quadratic_drag" in catalogue(library)
+    assert sum(bool(annotation(library, name)) for name in library.walk()) > 30
