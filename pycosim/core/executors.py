@@ -91,8 +91,8 @@ def _dask(address):
     try:
         client = Client(address, timeout="10s")
     except (OSError, TimeoutError) as error:
-        raise ExecutorError(f"no scheduler of dask answers at {address} ({error}); start one with 'dask scheduler', and "
-                            "workers with 'dask worker HOST:PORT'") from None
+        raise ExecutorError(f"no scheduler of dask answers at {address} ({error}); start one with 'dask scheduler', "
+                            "and workers with 'dask worker HOST:PORT'") from None
     with client, client.get_executor() as pool:
         yield pool
 

@@ -1,4 +1,4 @@
-"""Claims about what an effect's annotation may say: a slip is told with the nearest thing, not met later as a riddle."""
+"""Claims about an annotation of an effect: a slip is told with the nearest thing, and not met later as a riddle."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Claims about several studies at once: each is a row, failures too; nothing is done twice, or lost if one is killed."""
+"""Claims about several studies at once: each is a row, failures too; nothing is done twice or lost with a process."""
 
 import csv
 import os
