@@ -19,7 +19,6 @@ EFFECT_KEYS = ("size", "scan", "needs", "experiment", "replaces", "refines", "pl
 RIG_KEYS = ("places", "joined", "channels", "load", "sensor", "encoders", "estimate", "balance", "compensate",
             "gravity_model", "simulate", "axis")
 COMPONENT_KEYS = ("links", "gravity", "tilt")
-SCANS = ("speed", "travel", "time", "angle", "delay", "cycles", "quadrature", "power")
 
 
 @dataclass(frozen=True)
@@ -313,10 +312,6 @@ def _check_coefficients(name, notes, scan, means, members):
             if n not in own:
                 raise UnknownNameError(f"{name}: {key} of the annotation __pycosim names no parameter of the effect, "
                                        f"'{n}'{closest(n, own)}")
-    for n, kind in scan.items():
-        if kind not in SCANS:
-            raise UnknownNameError(f"{name}: scan of the annotation __pycosim lays no grid '{kind}' over '{n}'"
-                                   f"{closest(kind, SCANS)}")
     if not size and not scan:
         raise UnknownNameError(f"{name}: the annotation __pycosim does not say which coefficient is the effect's size; "
                                f"write size=\"..\", one of {', '.join(own)}")

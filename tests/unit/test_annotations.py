@@ -25,7 +25,6 @@ def read(folder, old, new):
     ('size="k"', 'sise="k"', "no key 'sise'; closest: 'size'"),
     ('size="k"', 'size="c"', "size .* names no parameter of the effect, 'c'; known: k"),
     ('size="k"', 'size="k", scan="w:speed"', "scan .* names no parameter of the effect, 'w'"),
-    ('size="k"', 'size="k", scan="k:sped"', "lays no grid 'sped' over 'k'; closest: 'speed'"),
     ('size="k", ', "", "does not say which coefficient is the effect's size")])
 def test_a_slip_in_an_annotation_is_told_with_the_nearest_thing(tmp_path, old, new, message):
     with pytest.raises(UnknownNameError, match=message):
