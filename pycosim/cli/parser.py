@@ -60,7 +60,7 @@ WRITES = {
 }
 # option of export: what it may be, what it is when not given, what it means
 EXPORT = {
-    "--to": (("fmu", "c", "modelica", "ssp", "mujoco", "mujoco-plugin", "jax", "json"), "fmu", "what to write"),
+    "--to": (("fmu", "c", "cpp", "modelica", "ssp", "mujoco", "mujoco-plugin", "jax", "json"), "fmu", "what to write"),
     "--fmi": (("2", "3"), "2", "version of the FMU"),
     "--type": (("cs,me", "cs", "me"), "cs,me", "co-simulation, model exchange, or both in one file"),
     "--platforms": (("host", "all"), "host", "binaries for this machine, or for linux, windows and macOS"),

@@ -41,7 +41,7 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     folder : path
         Where the files go.
     to : str
-        ``fmu``, ``c``, ``modelica``, ``ssp``, ``mujoco``, ``mujoco-plugin``, ``jax`` or ``json``.
+        ``fmu``, ``c``, ``cpp``, ``modelica``, ``ssp``, ``mujoco``, ``mujoco-plugin``, ``jax`` or ``json``.
     fmi, kinds, platforms
         Of an FMU, see `pycosim.export.fmu.export_fmu`.
     real : str
@@ -106,6 +106,11 @@ def _write(plant, study, model, folder, to, fmi, kinds, platforms, self_containe
         return _Made("MJCF", files, [f"Not in MuJoCo: {m}" for m in missing])
     if to == "mujoco-plugin":
         return _plugin(plant, study, model, folder)
+    if to == "cpp":
+        from .cpp import cpp_source
+        from .description import c_name, values
+        name = c_name(study.name)
+        return _Made("C++", [_text(folder / f"{name}.hpp", cpp_source(model, values(study, model), name))])
     if to == "jax":
         from .description import c_name, values
         from .jax_drive import jax_source
@@ -117,7 +122,7 @@ def _write(plant, study, model, folder, to, fmi, kinds, platforms, self_containe
         return _Made("Modelica", [_text(folder / f"{study.name}.mo", to_modelica(plant, self_contained))])
     if to == "json":
         return _Made("JSON", ["export.json"])
-    raise ExportError(f"no target '{to}'; there are fmu, c, modelica, ssp, mujoco, mujoco-plugin, jax, json")
+    raise ExportError(f"no target '{to}'; there are fmu, c, cpp, modelica, ssp, mujoco, mujoco-plugin, jax, json")
 
 
 def _plugin(plant, study, model, folder):
