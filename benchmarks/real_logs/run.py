@@ -155,7 +155,7 @@ def _said(out):
                           "before": before["held_out_error"], "after": step["held_out_error"],
                           "coefficients": {n: [v["value"], *v["ci95"]] for n, v in
                                            known.get(name, {}).get("coefficients", {}).items()}})
-    best = [[c["effect"], c["place"], c["p_value"]] for c in first["candidates"][:3]]
+    best = [[c["effect"], c["place"], c["p_value"], c.get("refused")] for c in first["candidates"][:3]]
     return {"verdict": first["verdict"], "final": last["verdict"], "steps": steps, "best": best,
             "depends": [[d["variable"], round(d["strength"], 3)] for d in last.get("residual_depends_on", [])[:3]]}
 
@@ -279,7 +279,8 @@ def told(row):
         return f"hidden {hidden}: {row.get('message', 'blocked')[:240]}"
     steps = "; ".join("@".join(s["added"]) + (f" (or {', '.join('@'.join(t) for t in s['twins'])})" if s["twins"] else
                                               "") for s in row["steps"])
-    best = ", ".join(f"{e}@{p} p={v:.3g}" for e, p, v in row.get("best", []))
+    best = ", ".join(f"{e}@{p} p={v:.3g}" + (f" ({why[0]})" if why and why[0] else "")
+                     for e, p, v, *why in row.get("best", []))
     return (f"hidden {hidden}: {row['verdict']} -> {steps or 'no effect'} -> {row['final']}; "
             f"first: {best}; depends on {row['depends']}")
 
