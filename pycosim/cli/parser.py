@@ -31,6 +31,10 @@ VERBS = {
                 "pycosim improve study.toml --data run1.csv",
                 "Several studies are improved side by side: pycosim improve studies/*.toml --on processes. One that "
                 "fails is a row of the table; what was done is not done again."),
+    "confirm": ("whether a study's effects, frozen, hold on a log that was never searched", "confirmation.json",
+                "pycosim confirm study_improve/study.toml --data new.csv",
+                "Nothing is fitted to that log. It is replayed through the exported FMU too, without the effects and "
+                "with them."),
     "plan": ("the next experiment: what to move so that the data answers", "plan.json",
              "pycosim plan study.toml --data run1.csv --budget 120",
              "Writes plan.csv, a motion of the motors within the study's [limits]; 'pycosim cosim' can follow it."),
@@ -55,7 +59,7 @@ WRITES = {
                 "study.toml", "model.mo", "report.html"),
     "report": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
                "study.toml", "model.mo", "report.html"),
-    "plan": ("plan.json", "plan.csv"),
+    "plan": ("plan.json", "plan.csv"), "confirm": ("confirmation.json",),
     "export": ("export.json",), "cosim": ("cosim.json", "run.csv", "checkpoint.zip"),
 }
 # option of export: what it may be, what it is when not given, what it means

@@ -13,8 +13,8 @@ from ..report.folder import Folder
 from .parser import VERBS, WRITES, Stopped, UsageError
 
 
-SEARCHES = "diagnose", "add", "improve", "report"
-"""Verbs that name physics, which a mistake of wiring or units must never be taken for."""
+SEARCHES = "diagnose", "add", "improve", "report", "confirm"
+"""Verbs that speak of physics, which a mistake of wiring or units must never be taken for."""
 
 
 class Run:
@@ -159,6 +159,36 @@ def _export(run, arguments):
     run.lines += done.lines
 
 
+def check_confirmation(run, arguments):
+    """Refuse to confirm what cannot be: on no new log, on the study's own, or without an effect.
+
+    Parameters
+    ----------
+    run : Run
+    arguments : argparse.Namespace
+
+    Raises
+    ------
+    UsageError, StudyError
+    """
+    from ..diagnosis.confirm import refuse_nothing, refuse_searched
+    from ..study.parse import load_study
+    if not arguments.data:
+        raise UsageError(f"confirm needs a log that was never searched: pycosim confirm {arguments.study} --data FILE")
+    refuse_nothing(run.project.study, run.project.model)
+    refuse_searched(load_study(arguments.study), arguments.data)
+
+
+def _confirm(run, arguments):
+    from ..cosim.replay import before_and_after
+    from ..diagnosis.confirm import confirm
+    dataset = run.project.dataset
+    found = confirm(dataset, run.project.study.seed, run.progress)
+    result = records.confirmation(found, before_and_after(dataset, run.progress), dataset.units)
+    run.write("confirmation.json", result)
+    run.lines += sentences.summary_confirmation(result)
+
+
 def _plan(run, arguments):
     from ..report import plan_figures
     if run.has_logs:
@@ -173,7 +203,7 @@ def _plan(run, arguments):
 
 VERB = {"check": _check, "compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add,
         "improve": _improve,
-        "report": _improve, "plan": _plan, "export": _export}
+        "report": _improve, "confirm": _confirm, "plan": _plan, "export": _export}
 
 
 def improve_many(arguments, progress):

@@ -166,6 +166,16 @@ class _Builder:
         self.after.update(now)
         return now
 
+    def clock(self, outputs):
+        """Time since the first sample, where outputs of the estimate depend on time."""
+        q = self.model.question("estimate").select(outputs)
+        u, x, p = q.symbols()
+        if "time" not in q.inputs or not ca.depends_on(q.output(u, x, p), u[q.inputs.index("time")]):
+            return {}
+        now = self.state("clock", "s", "Time since the first sample")
+        self.after["clock"] = now + self.symbol_period
+        return {"time": now}
+
     def motor_torques(self, motion, wanted, share):
         """Motor torques for wanted joint torques: without friction, and a share of what friction takes."""
         names = [f"{m}.tau" for m in self.motors]
@@ -273,7 +283,8 @@ def estimator(model, values, period=PERIOD):
     """Joint torques from the motors alone: motion and torque of the motors in, joint torques out.
 
     Friction states follow the measured angles through reversals and standstill, as `dynamics.simulate.estimate` has
-    them. Accelerations matter where rotors have inertia; left unconnected, they are zero.
+    them. Accelerations matter where rotors have inertia; left unconnected, they are zero. What effects take from a log,
+    as a temperature, is an input too; effects of time count it from the first sample.
 
     Parameters
     ----------
@@ -287,9 +298,10 @@ def estimator(model, values, period=PERIOD):
     b = _Builder(model, dict(values), period)
     now = b.motion(acceleration=True)
     torques = {f"{m}.tau": b.input(f"{m}.tau", description=f"Torque of {m}, k_m Iq") for m in b.motors}
+    logged = {n: b.input(n) for n in model.log_inputs}
     names = [n for _, n in b.joints]
     states = b.friction_states("estimate", now)
-    for n, value in zip(names, b.ask("estimate", {**now, **torques}, names, states)):
+    for n, value in zip(names, b.ask("estimate", {**now, **torques, **logged, **b.clock(names)}, names, states)):
         b.result(n, value, description=f"Estimate of the joint torque {n}")
     return b.block("estimator", f"Joint torques of {model.rig} without torque sensors")
 

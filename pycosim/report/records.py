@@ -156,6 +156,26 @@ def ladder(steps, dataset):
          "predicted_error": s.finding.predicted_error or None if s.finding else None} for s in steps]})
 
 
+def confirmation(found, replay, units):
+    """``confirmation.json``.
+
+    Parameters
+    ----------
+    found : list of Confirmation
+    replay : dict
+        ``before`` and ``after`` the effects, errors of the exported FMU; ``why`` there are none.
+    units : dict of str to str
+        Of the channels.
+
+    Returns
+    -------
+    dict
+        Beyond the contract: the two p-values of which the larger counts, how many blocks or passes were compared, and
+        why an effect is not confirmed.
+    """
+    return plain({"schema": SCHEMA, "effects": [vars(c) for c in found], "replay": replay, "units": units})
+
+
 def improved_study(study, model, fit):
     """The study with a model's effects, and the fitted values to start from.
 

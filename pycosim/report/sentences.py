@@ -455,6 +455,33 @@ def summary_addition(made):
     return lines
 
 
+def summary_confirmation(result):
+    """Which effects hold on a log that was never searched.
+
+    Parameters
+    ----------
+    result : dict
+        ``confirmation.json``.
+
+    Returns
+    -------
+    list of str
+    """
+    lines = ["Nothing is fitted to these logs, so that all of their passes are compared."]
+    for e in result["effects"]:
+        head = f"{e['effect']} at {e['place']} is {'' if e['confirmed'] else 'not '}confirmed"
+        head += "" if e["confirmed"] else f": {e['why']}"
+        lines.append(f"{head} (p = {number(e['p_value'])}, {e['units']} passes compared). Error without and with it, "
+                     f"nothing fitted: {change_text(e['error_without'], e['error_with'], result['units'])}.")
+    replay = result["replay"]
+    if replay["after"]:
+        lines.append("The same log through the exported FMU, without all effects and with them: "
+                     f"{change_text(replay['before'], replay['after'], result['units'])}.")
+    else:
+        lines.append(f"No FMU was replayed: {replay['why']}")
+    return lines
+
+
 def summary_comparison(result, most=3):
     """Errors, and the groups of samples where they are largest.
 

@@ -1,0 +1,123 @@
+"""Claims about `pycosim confirm`: a frozen effect holds on a log that was never searched, or it is said not to."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from benchmarks.hidden_effects.machine import PAPER, Effect, measure, six_manoeuvres, write_csv
+from pycosim.cli.entry import main
+from pycosim.compile import Library, compile_model
+from pycosim.cosim.replay import replay
+from pycosim.data.dataset import Dataset
+from pycosim.diagnosis.confirm import FEWEST, chance, confirm, frozen
+from pycosim.dynamics.simulate import estimate
+from pycosim.study.parse import load_study
+from pycosim.study.schema import Setting
+from pycosim.study.write import write_study
+
+ROOT = Path(__file__).parents[2]
+STUDY = ROOT / "examples" / "hip_knee" / "study.toml"
+OTHER = six_manoeuvres(speeds=(0.4, 1.1), repeats=2, rate=25, longest_pass=3)
+
+
+@pytest.fixture(scope="module")
+def library():
+    return Library()
+
+
+def log(path, b=0.0, seed=1, motion=OTHER):
+    """A log of the paper's machine, with viscous friction of so much at 1A."""
+    write_csv(measure(PAPER, motion, [Effect("viscous", "1A", b=b)] if b else [], rng=seed), path)
+    return path
+
+
+def claim(b, place="1A", **values):
+    """A study that knows the paper's machine, and claims viscous friction of so much at a place."""
+    known = {f"s{s}.{n}": PAPER[n][s] for s in PAPER["f0"] for n in ("f0", "mu")} | values
+    study = load_study(STUDY)
+    parameters = {n: replace(study.parameters[n], value=v) for n, v in known.items()}
+    name = f"viscous_{place.replace('+', '_')}.b"
+    return replace(study, effects=[("viscous", place)], parameters={**parameters, name: Setting(b, fixed=False)})
+
+
+def asked(study, path, library):
+    return confirm(Dataset(study.with_data([path]), library))[0]
+
+
+def test_a_true_effect_is_confirmed_and_a_wrong_one_is_not(library, tmp_path):
+    path = log(tmp_path / "new.csv", b=0.03)
+    found = asked(claim(0.03), path, library)
+    assert found.confirmed and found.p_value < 0.001 and found.why is None
+    assert all(found.error_with[c] < 0.6 * e for c, e in found.error_without.items())
+    wrong = asked(claim(0.03, "2A"), path, library)
+    assert not wrong.confirmed and wrong.p_value > 0.9 and "no smaller" in wrong.why
+
+
+def test_what_the_base_could_have_done_as_well_is_not_confirmed(library, tmp_path):
+    """One speed: viscous friction that is not there, and a preload that is lower by what it takes."""
+    path = log(tmp_path / "new.csv", motion=six_manoeuvres(speeds=(1.2,), repeats=5, rate=25, longest_pass=3))
+    found = asked(claim(0.02, **{"s1A.f0": PAPER["f0"]["1A"] - 0.02 * 1.2}), path, library)
+    assert found.p_value_frozen < 0.01 and not found.confirmed and "could have done the same" in found.why
+
+
+def test_few_passes_confirm_nothing(library, tmp_path):
+    path = log(tmp_path / "new.csv", b=0.03, motion=six_manoeuvres(speeds=(1.2,), repeats=1, rate=25, longest_pass=3))
+    found = asked(claim(0.03), path, library)
+    assert found.units < FEWEST and not found.confirmed and "only" in found.why
+
+
+def test_chance_is_flat_where_an_effect_is_worth_nothing_and_counts_few_units_exactly():
+    rng = np.random.default_rng(0)
+    for n in (9, 40):
+        found = []
+        for _ in range(300):  # of true size one half of the frozen one, the squared errors are equal
+            added = rng.gamma(1.0, 1.0, n)[:, None] * np.ones(20)
+            residual = added / 2 + rng.standard_normal((n, 20))
+            found.append(chance((2 * residual * added - added ** 2).sum(1)))
+        assert kstest(found, "uniform").pvalue > 0.01
+    assert chance(np.ones(8)) == 2.0 ** -8 and chance(-np.ones(8)) == 1.0 and chance(np.zeros(8)) == 1.0
+
+
+def test_p_values_are_flat_where_the_frozen_effect_is_twice_the_true_one_and_near_one_where_there_is_none(
+        library, tmp_path):
+    half, none = ([asked(claim(0.004), log(tmp_path / f"{b}_{seed}.csv", b, seed), library) for seed in range(8)]
+                  for b in (0.002, 0.0))
+    assert kstest([f.p_value_frozen for f in half], "uniform").pvalue > 0.01
+    assert not any(f.confirmed for f in (*half, *none))
+    assert np.mean([f.p_value_frozen for f in none]) > 0.8
+
+
+def test_the_fmu_replays_the_estimate_of_the_model_and_both_errors_fall(library, tmp_path):
+    data = Dataset(claim(0.03).with_data([log(tmp_path / "new.csv", b=0.03)]), library)
+    bare = compile_model(library, data.base.rig, [])
+    before, after = (replay(data, m, frozen(data, m).parameters) for m in (bare, data.base))
+    assert set(after) == {"C_H", "C_K"} and all(after[c] < 0.7 * before[c] for c in after)
+    values = {n: v for n, v in frozen(data, data.base).parameters.items() if n in data.base.parameters}
+    known = {n: data.signals[n] for n in data.base.question("estimate").inputs if n in data.signals}
+    told = estimate(data.base, {n: v for n, v in known.items() if n != "time"}, data.time, values)
+    for c in after:
+        assert after[c] == pytest.approx(np.sqrt(np.mean((data.measured[c] - told[c])[data.view("all")] ** 2)), 1e-9)
+
+
+def test_the_verb_leaves_its_file_and_refuses_what_it_cannot_answer(library, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    old, new = log(tmp_path / "old.csv", 0.03, 1), log(tmp_path / "new.csv", 0.03, 2)
+    (tmp_path / "copy.csv").write_bytes(old.read_bytes())
+    write_study(claim(0.03).with_data([old]), tmp_path / "found.toml")
+    assert main(["confirm", "found.toml", "--data", "new.csv", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == json.loads((tmp_path / "found_confirm" / "confirmation.json").read_text()) and told["schema"] == 1
+    assert {"effect", "place", "p_value", "error_without", "error_with", "confirmed"} <= set(told["effects"][0])
+    assert told["effects"][0]["confirmed"] is True
+    assert all(told["replay"]["after"][c] < e for c, e in told["replay"]["before"].items()) and told["replay"]["before"]
+    write_study(replace(claim(0.0), effects=[("viscous", "1A")]), tmp_path / "empty.toml")
+    for line, what in ((["found.toml"], "--data FILE"), (["found.toml", "--data", "old.csv"], "never searched"),
+                       (["found.toml", "--data", "copy.csv"], "holds the same as"),
+                       ([str(STUDY), "--data", "new.csv"], "has no effects to confirm"),
+                       (["empty.toml", "--data", "new.csv"], "has no size")):
+        assert main(["confirm", *line, "--out", "refused"]) == 2
+        assert what in capsys.readouterr().err and not (tmp_path / "refused").exists()
