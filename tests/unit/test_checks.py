@@ -71,7 +71,7 @@ MISTAKES = {
     "an angle that begins again": (wrapped, "wrap", "wrap = 6.28319"),
     "a torque that stays": (stuck("tau1"), "stuck", "time = [0"),
     "a reference that stays": (stuck("C_H"), "stuck", "time = [0"),
-    "another clock": (late(0.0, 0.003, *TAU), "clock", "clock = 1.00"),
+    "another clock": (late(0.0, 0.003, *C), "clock", "clock = 1.00"),
 }
 HIDDEN = {
     "a wrong torque constant": rig.Effect("torque_constant", "motor1", g=1.2),

@@ -12,7 +12,7 @@ _FAR = 10.0
 that grows with load or speed is measured around each sample."""
 _SIDE, _AROUND = 3, 100  # samples on each side of the median, and of the scatter
 _SEEN = 0.01  # of the range: nearer ones move no fit
-_SHARE = 0.05  # of the samples: more are no outliers
+_SHARE = 0.02  # of the samples: more are no outliers
 _SHOCK = 12.0  # robust deviations of the residual over a tenth of a second
 _CALM = 0.3  # s to the next sample at rest
 _LONGEST = 0.5  # s that a shock lasts at most
