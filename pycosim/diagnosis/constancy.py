@@ -29,7 +29,7 @@ class Constancy:
     Attributes
     ----------
     gain : float
-        Fall of the whitened sum of squares on unseen blocks; 0.0 where none is sure.
+        Fall of the weighted sum of squares on unseen blocks or passes; 0.0 where none is sure.
     variable : str or None
         Over which it would vary.
     """
@@ -38,7 +38,7 @@ class Constancy:
     variable: str | None = None
 
 
-def constancy(dataset, model, fit, noise):
+def constancy(dataset, model, fit):
     """Whether the coefficients of a model's effects are the same all over the data.
 
     Parameters
@@ -46,8 +46,6 @@ def constancy(dataset, model, fit, noise):
     dataset : Dataset
     model : Model
     fit : Fit
-    noise : list of Noise
-        Of single samples, one a channel.
 
     Returns
     -------
@@ -61,13 +59,13 @@ def constancy(dataset, model, fit, noise):
     thin = max(1, problem.n // SAMPLES)
     problem, sloped, index = problem.thin(thin), sloped.thin(thin), index[::thin]
     slope = np.concatenate([j for _, _, j in sloped.blocks(fit.values)], axis=2)
-    white = [n.whiten(r, problem.chain) for n, r in zip(noise, problem.residual(fit.values))]
+    left = fit.weights[:, None] * problem.residual(fit.values)
     label, fold = stretches(dataset, problem)
     bins = {n: levels(v) for n, v in explanations(dataset, model, fit, index).items()}
     found = {}
     for effect, place in model.attached:
-        added = [n.whiten(a, problem.chain) for n, a in zip(noise, _added(model, fit, effect, place, slope))]
-        xy, xx = sum(a * r for a, r in zip(added, white)), sum(a * a for a in added)
+        added = fit.weights[:, None] * _added(model, fit, effect, place, slope)
+        xy, xx = (added * left).sum(0), (added ** 2).sum(0)
         found[effect.id, place.name] = best = Constancy()
         for name, cells in bins.items():
             gain, errors = explained(xy, xx, 1.0, cells, fold, label, label.max() + 1)

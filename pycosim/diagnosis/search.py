@@ -294,14 +294,14 @@ def _ahead(dataset, steps, found, seed, progress):
 def _constant(dataset, steps, noise, known):
     """Whether every effect added after the known steps has one coefficient all over the data, beside the others."""
     full = select(dataset, steps[-1].model, steps[-1].fit, noise)
-    told = constancy(dataset, steps[-1].model, steps[-1].fit, noise)
+    told = constancy(dataset, steps[-1].model, steps[-1].fit)
     for out in steps[known:]:
         if told[out.added].gain > 0.0:
             rest = [k for k in steps[-1].model.keys if k != out.added]
             model = compile_model(dataset.library, steps[0].model.rig, rest)
             fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
             left = select(dataset, model, fit, noise, full.usual)
-            if told[out.added].gain > LACK * difference(left.white, full.white)[0]:
+            if told[out.added].gain > LACK * difference(left.raw, full.raw)[0]:
                 return False
     return True
 
