@@ -255,7 +255,7 @@ class Model:
         """Whether the drive train moves along an axis: angles are positions, torques forces, inertias masses."""
         return self.notes.get("axis") == "linear"
 
-    def unit(self, turning):
+    def along(self, turning):
         """Unit that a rotational one stands for in this drive train.
 
         Parameters

@@ -29,7 +29,7 @@ class Constancy:
     Attributes
     ----------
     gain : float
-        Fall of the weighted sum of squares on unseen blocks or passes; 0.0 where none is sure.
+        Share of the squared error left that it would take on unseen blocks or passes; 0.0 where none is sure.
     variable : str or None
         Over which it would vary.
     """
@@ -68,7 +68,7 @@ def constancy(dataset, model, fit):
         xy, xx = (added * left).sum(0), (added ** 2).sum(0)
         found[effect.id, place.name] = best = Constancy()
         for name, cells in bins.items():
-            gain, errors = explained(xy, xx, 1.0, cells, fold, label, label.max() + 1)
+            gain, errors = explained(xy, xx, float((left ** 2).sum()), cells, fold, label, label.max() + 1)
             if errors > SURE and gain > best.gain:
                 found[effect.id, place.name] = best = Constancy(float(gain), name)
     return found

@@ -140,7 +140,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     def steady(finding):
         larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
         finding.constancy = constancy(dataset, larger, finding.fit)[finding.key]
-        return finding.constancy.gain <= LACK * difference(base.raw, finding.selection.raw)[0]
+        gain = finding.constancy.gain * finding.selection.raw.sum()
+        return gain <= LACK * difference(base.raw, finding.selection.raw)[0]
 
     _decide(findings, rivals, base, {e.id: e.refines for e in catalogue(dataset.library).values()}, steady)
     chosen = next((f for f in findings if f.accepted or f.provisional), None)

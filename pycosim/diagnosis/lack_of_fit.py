@@ -140,7 +140,7 @@ def _proposal(table, known, depends, share, index):
     blocks, label = np.unique(table.block[few], return_inverse=True)
     fold = table.dataset.fold[blocks][label]
     best = None
-    angle, torque = table.model.unit("rad"), table.model.unit("N.m")
+    angle, torque = table.model.along("rad"), table.model.along("N.m")
     causes = {n for n in known if "@" in n or n.startswith("time") or unit_of(table.dataset, n) == angle}
     for name in [d["variable"] for d in depends if d["strength"] > 0 and d["variable"] in causes][:8]:
         values, owner = known[name][few], name.partition("@")[2]
@@ -214,7 +214,7 @@ def _readable(table, name, values, few):
         return "", ports[kind]
     rig = {n: table.full[n][few] for n in table.full if "." not in n and n in table.model.variables
            and isinstance(table.full[n], np.ndarray) and n != name}
-    if not rig or unit_of(table.dataset, name) != table.model.unit("rad"):
+    if not rig or unit_of(table.dataset, name) != table.model.along("rad"):
         return None
     columns = np.array([*rig.values(), np.ones(len(values))])
     factor = np.linalg.lstsq(columns.T, values, rcond=None)[0]

@@ -301,7 +301,7 @@ def _constant(dataset, steps, noise, known):
             model = compile_model(dataset.library, steps[0].model.rig, rest)
             fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
             left = select(dataset, model, fit, noise, full.usual)
-            if told[out.added].gain > LACK * difference(left.raw, full.raw)[0]:
+            if told[out.added].gain * full.raw.sum() > LACK * difference(left.raw, full.raw)[0]:
                 return False
     return True
 

@@ -215,7 +215,7 @@ def timeline(dataset, models, names=NAMES):
     for k, row in enumerate(rows, 2):
         kind, _, channel = row.partition(":")
         traces += _row(dataset, models, names, time, kind, channel, f"y{k}")
-        unit = unit_of(dataset, channel) if channel else dataset.base.unit("rad/s")
+        unit = unit_of(dataset, channel) if channel else dataset.base.along("rad/s")
         short = channel.removesuffix("_pair")
         title = {"speeds": "speed", "value": short, "residual": f"error {short}"}[kind]
         layout[f"yaxis{k}"] = axis(f"{title} [{unit}]", domain=domains[k - 1])
