@@ -51,13 +51,15 @@ def gap(case, told, coefficients=None):
     odd = (truth.time // STRETCH).astype(int) % 2 == 1
     moving = np.flatnonzero(truth.moving(found.plant.least))
     moving = moving[::max(1, len(moving) // MOST)]
-    seen = sensors.reference(found.plant, truth, found.motion, found.world)
     fit, unseen = moving[odd[moving]], moving[~odd[moving]]
-    own = _left(found, found.hidden, truth.C, torque, fit, unseen)
+    own = _left(found, found.hidden, truth.C, torque, fit, unseen, True)
     alternative = _alternative(told, coefficients)
     if alternative is None:
         return None
-    other = _left(found, [alternative], seen, torque, fit, unseen)
+    # named beside a hidden effect, it stands in for that one; with nothing hidden, for the condition itself
+    beside = bool(found.hidden) and told[0] not in OF_REFERENCE
+    seen = truth.C if beside else _seen(found, truth)
+    other = _left(found, [alternative], seen, torque, fit, unseen, beside)
     return float(np.sum((other ** 2 - own ** 2) / np.mean(own ** 2, axis=1, keepdims=True)))
 
 
@@ -73,8 +75,18 @@ def _alternative(told, coefficients):
     return laws.Effect(name, place, {**known, **given})
 
 
-def _left(found, hidden, C, torque, fit, unseen):
-    """What a model leaves of the motors' torques on unseen samples, its friction and coefficients fitted."""
+def _seen(found, truth):
+    """The reference without its noise, wrong and filtered as the condition has it."""
+    C, world = sensors.reference(found.plant, truth, found.motion, found.world), found.world
+    dt = truth.time[1] - truth.time[0]
+    return np.array([sensors.low_passed(x, world.low_pass["C"], dt) for x in C]) if "C" in world.low_pass else C
+
+
+def _left(found, hidden, C, torque, fit, unseen, knows):
+    """What a model leaves of the motors' torques on unseen samples, its friction and coefficients fitted.
+
+    One that `knows` the condition filters its torques as the drives do.
+    """
     plant, n = copy(found.plant), len(found.plant.segments)
     start = [*plant.f0.values(), *plant.mu.values(), *(v for e in hidden for v in e.values.values())]
 
@@ -89,7 +101,11 @@ def _left(found, hidden, C, torque, fit, unseen):
                                      found.temperature, _corrected(plant, found, C, effects))
         except ValueError:  # a step so long that the loads do not converge
             return np.full((len(torque), len(rows)), 10.0)
-        return (told.measured - torque)[:, rows]
+        measured = told.measured
+        if knows and "tau" in found.world.low_pass:
+            dt = told.time[1] - told.time[0]
+            measured = np.array([sensors.low_passed(x, found.world.low_pass["tau"], dt) for x in measured])
+        return (measured - torque)[:, rows]
 
     scale = [*[0.02] * n, *[0.02] * n, *(max(abs(v), 1e-3) for e in hidden for v in e.values.values())]
     low = [*[0.0] * n, *[0.5] * n, *[-np.inf] * (len(start) - 2 * n)]
