@@ -1,6 +1,6 @@
 """The same law in every engine: nothing in, the measured numbers of each claim as JSON on stdout, out.
 
-``python -m benchmarks.engines.run [law] [swing] [rest] [cost] [jax] [draws] [calibration]``; all without a word.
+``python -m benchmarks.engines.run [law] [trajectories] [swing] [rest] [cost] [jax] [draws] [calibration]``
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.engines.machines import four_legs, on_links, steps
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
-from pycosim.dynamics.simulate import dynamics
+from pycosim.dynamics.simulate import dynamics, simulate
 from pycosim.export import build, mujoco_plugin
 from pycosim.export.description import describe, values
 from pycosim.export.jax_drive import jax_source
@@ -139,6 +139,29 @@ def law(points=1_000_000, block=50_000):
                 answer = np.array(run(*few, np.float32(1e-3), module.prepare(module.parameters()))[0])
                 single = max(single, np.abs(answer - tau)[ok].max())
         found[rig] = {"points": n, "c": off / full, "jax_float32": single / full}
+    return found
+
+
+def trajectories(count=100):
+    """The law in C along motions of the FMU's step, its states carried by itself: torque off, over full scale."""
+    found, t, rng = {}, np.arange(1001) * 1e-3, np.random.default_rng(0)
+    for rig, start, size in (("GearedJoint", "q", 0.6), ("ServoPendulum", "motor.phi", 5.0)):
+        _, model, known, own = machine(rig)
+        m, off, full = own.motors[0], 0.0, 0.0
+        with tempfile.TemporaryDirectory() as folder:
+            c, q = compiled(own, folder), own.prepared()
+            for _ in range(count):
+                u = size * rng.uniform(0.1, 1) * np.sin(rng.uniform(2, 25) * t + rng.uniform(0, 6)) * (t < 0.7)
+                y = simulate(model, {own.inputs[0]: u}, t, known, {start: rng.uniform(-1, 1)})
+                wanted, x, tau = on_links(rig, y, known)[0], np.zeros(len(own.states)), np.zeros(1)
+                mean = np.diff(y[f"{m}.phi"]) / 1e-3
+                for k in range(1, len(t)):
+                    given = [np.array([v]) for v in (*(y[f"{m}.{n}"][k] for n in ("phi", "w", "a")), mean[k - 1])]
+                    c.drive_torque(*map(pointer, given), pointer(x), pointer(u[k:k + 1]), ctypes.c_double(t[k]),
+                                   ctypes.c_double(1e-3), pointer(q), pointer(tau), pointer(x))
+                    off = max(off, abs(tau[0] - wanted[k]))
+                full = max(full, np.abs(wanted).max())
+        found[rig] = {"trajectories": count, "c": off / full}
     return found
 
 
@@ -300,7 +323,7 @@ def calibration():
     return run()
 
 
-CLAIMS = {"law": law, "swing": swing, "rest": rest, "cost": cost, "jax": batch, "draws": draws,
+CLAIMS = {"law": law, "trajectories": trajectories, "swing": swing, "rest": rest, "cost": cost, "jax": batch, "draws": draws,
           "calibration": calibration}
 
 
