@@ -323,8 +323,8 @@ def calibration():
     return run()
 
 
-CLAIMS = {"law": law, "trajectories": trajectories, "swing": swing, "rest": rest, "cost": cost, "jax": batch, "draws": draws,
-          "calibration": calibration}
+CLAIMS = {"law": law, "trajectories": trajectories, "swing": swing, "rest": rest, "cost": cost, "jax": batch,
+          "draws": draws, "calibration": calibration}
 
 
 if __name__ == "__main__":
