@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from pycosim.cli import main
@@ -65,6 +65,7 @@ def test_a_plan_keeps_its_limits(one):
 @settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(low=st.floats(-3, 0), span=st.floats(0.01, 4), speed=st.floats(0.3, 100), acceleration=st.floats(2, 1000),
        torque=st.floats(0.02, 2), budget=st.floats(5, 90))
+@example(low=-1.0, span=2.5, speed=30.0, acceleration=200.0, torque=1.0, budget=60.0)
 def test_no_limit_is_ever_exceeded_and_what_is_impossible_is_said(tmp_path, low, span, speed, acceleration, torque,
                                                                   budget):
     study = geared(tmp_path, q=(low, low + span), motor__w=(None, speed), motor__a=(None, acceleration),
@@ -72,6 +73,8 @@ def test_no_limit_is_ever_exceeded_and_what_is_impossible_is_said(tmp_path, low,
     try:
         plan = planned(study, budget=budget, patience=3.0)
     except PlanError as error:
+        wide = low <= -1.0 and low + span >= 1.5 and speed >= 30 and acceleration >= 200 and torque >= 1 and budget >= 60
+        assert not wide, "limits as wide as those of GEARED leave an experiment"
         named = ("motor.w", "motor.a", "motor.tau", "'q'", "budget", "way", "speed", "stop")
         assert any(n in str(error) for n in named)
         assert "\n" not in str(error)
