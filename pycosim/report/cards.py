@@ -89,7 +89,7 @@ def _chance(p):
         return "nearly every log"
     if p > 0.5:
         return f"{100 * p:.0f} logs of 100"
-    return f"{'at most ' if p <= 5e-4 else ''}one log of {round(1 / p):d}"
+    return f"{'at most ' if p <= 1e-3 else ''}one log of {round(1 / p):d}"
 
 
 def variable(library, finding):
