@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import numbers
 import re
 
 
@@ -27,7 +28,9 @@ def to_toml(value):
     if isinstance(value, (list, tuple)):
         flat = "[" + ", ".join(map(to_toml, value)) + "]"
         return flat if len(flat) < 100 else "[\n    " + ",\n    ".join(map(to_toml, value)) + ",\n]"
-    return repr(value) if isinstance(value, (int, float)) else str(value)
+    if isinstance(value, numbers.Integral):
+        return repr(int(value))
+    return repr(float(value)) if isinstance(value, numbers.Real) else str(value)
 
 
 def _key(key):

@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from .asking import asked
+from .changes import Columns
 from .clipped import clipped
-from .finding import Checked, DISCRETE, FACTS, Finding, KINDS, ordered
+from .finding import DISCRETE, FACTS, KINDS, Checked, Finding, ordered
 from .limits import limits
 from .outliers import outliers, shocks
 from .readings import Readings, Source
 from .relations import ModelRelation, relations
-from .changes import Columns
 from .sampling import clock, rate, resolution, rest
 from .search import Search
 from .stuck import copied, moved, stuck

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ...compile import ArrayFunction, compile_model
-from ...core.errors import PycosimError, StudyError
+from ...core.errors import PycosimError
 from ...study.template import first_parameters
 
 WORST = 2.0

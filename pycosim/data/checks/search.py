@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...study.schema import known_unit
-from .changes import Columns, counted, in_unit, roles, signs_and_swaps, snapped, unit_changes
+from .changes import Columns, in_unit, roles, signs_and_swaps, snapped, unit_changes
 from .finding import Finding
 from .readings import Source, with_change
-from .relations import ModelRelation, RateRelation, WORST
+from .relations import RateRelation
 
 BAD = 0.05
 """Relative error from which a relation is looked into at all; a tenth of the largest hidden effects' and less."""
