@@ -12,7 +12,6 @@ from ..report import records, sentences
 from ..report.folder import Folder
 from .parser import VERBS, WRITES, Stopped, UsageError
 
-
 SEARCHES = "diagnose", "add", "improve", "report", "confirm"
 """Verbs that speak of physics, which a mistake of wiring or units must never be taken for."""
 

@@ -14,7 +14,6 @@ from .chunks import Gathered
 from .frames import Frame
 from .readers import read_parts
 
-
 SLOWEST, FASTEST = 10.0, 1e-6
 """Median sample intervals [s] beyond which the time column cannot be in seconds."""
 

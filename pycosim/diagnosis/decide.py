@@ -13,14 +13,14 @@ import numpy as np
 
 from ..compile import catalogue, compile_model, component_name
 from ..core.errors import PycosimError
-from .crossval import difference, select
+from ..fit import least_squares
 from .constancy import LACK, constancy
+from .crossval import difference, select
 from .dependence import RELEVANT, dependence, noise_floor
 from .excitation import smallest, undetectable, varied
 from .lack_of_fit import unexplained
 from .scores import LEVEL, Scores
 from .table import Table
-from ..fit import least_squares
 
 NOTHING = "its interval holds zero, so that something else is at work"
 ALIKE = 0.2  # of what the best takes away, that an alternative may leave

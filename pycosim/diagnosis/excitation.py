@@ -10,7 +10,6 @@ from .compare import unit_of
 from .dependence import explanations
 
 
-
 def undetectable(table, scores):
     """Effects and places that the data cannot show.
 

@@ -12,9 +12,9 @@ import numpy as np
 from scipy import special
 
 from ..data.noise import fit_noise
-from .cycles import ripples
 from ..fit import least_squares
 from ..fit.least_squares import bounded
+from .cycles import ripples
 
 LEVEL = 0.01
 DRAWS = 1999

@@ -16,8 +16,8 @@ import numpy as np
 from ..compile import catalogue, compile_model, places
 from ..compile.contribution import AHEAD, Contribution, additions, effect_question
 from ..compile.effects import PARTNER, ports
-from ..data.noise import contiguous
 from ..data.instruments import rounding
+from ..data.noise import contiguous
 from ..data.residuals import Residuals
 from ..dynamics.delays import Record
 from ..dynamics.states import propagate, scan

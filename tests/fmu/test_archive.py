@@ -219,6 +219,7 @@ def test_a_self_contained_modelica_file_needs_no_library(study, model, tmp_path,
     """Parsed alone, without DriveTrain beside it, and compiled by the second compiler from that one file."""
     import pymoca.ast
     import pymoca.tree
+
     from pycosim.compile.parse import parse
     rumoca = pytest.importorskip("rumoca")
     text = to_modelica(describe(study(rig), model(rig)), self_contained=True)

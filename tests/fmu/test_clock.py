@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from driver import OK, Fmu, Instance
 
 from pycosim.control.controllers import estimator, position_control
 from pycosim.export.controller import export_block
-
-from driver import OK, Fmu, Instance
 
 PERIOD = 1e-3  # s, of both blocks
 

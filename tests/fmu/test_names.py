@@ -1,6 +1,5 @@
 """Names and texts of someone else's study, log or Modelica file stay names and texts in C, XML, HTML and Modelica."""
 
-from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 

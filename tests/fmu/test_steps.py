@@ -4,11 +4,10 @@ import ctypes as c
 
 import numpy as np
 import pytest
+from driver import DISCARD, ERROR, OK, Instance
 
 from pycosim.dynamics.simulate import simulate
 from pycosim.export.description import values
-
-from driver import DISCARD, ERROR, OK, Instance
 
 SEGMENTS = ("s1A", "s2A", "s1B", "s2B")
 HARD = {f"{s}.{n}": v for s in SEGMENTS for n, v in (("mu", 0.5), ("travel", 1e-5))}

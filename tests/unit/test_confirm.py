@@ -105,7 +105,8 @@ def test_the_fmu_replays_the_estimate_of_the_model_and_both_errors_fall(library,
 
 def test_the_verb_leaves_its_file_and_refuses_what_it_cannot_answer(library, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    old, new = log(tmp_path / "old.csv", 0.03, 1), log(tmp_path / "new.csv", 0.03, 2)
+    old = log(tmp_path / "old.csv", 0.03, 1)
+    log(tmp_path / "new.csv", 0.03, 2)
     (tmp_path / "copy.csv").write_bytes(old.read_bytes())
     write_study(claim(0.03).with_data([old]), tmp_path / "found.toml")
     assert main(["confirm", "found.toml", "--data", "new.csv", "--json"]) == 0
