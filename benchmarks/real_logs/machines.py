@@ -51,6 +51,7 @@ class Segment:
     scale: np.ndarray = None
     s: np.ndarray = None
     load_state: np.ndarray = None
+    stiction: float = STICTION
     quadratic: float = 0.0
     cross: float = 0.0
     mu_dif: float = 0.0
@@ -58,7 +59,7 @@ class Segment:
     def __post_init__(self):
         n = len(self.time)
         self.drag, self.extra_c, self.scale = np.zeros(n), np.zeros(n), np.ones(n)
-        self.s = self.state(STICTION)
+        self.s = self.state(self.stiction)
 
     @property
     def c(self):
@@ -449,7 +450,8 @@ def bent(plant, motion, hidden, temperature):
     q, angles = plant.lay(motion)
     phi, w, a = (plant.relative(x) for x in angles)
     segments = {n: Segment(motion.time, w[n], a[n], phi[n], q[0], temperature,
-                           np.full(len(motion.time), plant.f0[n]), plant.mu[n]) for n in plant.segments}
+                           np.full(len(motion.time), plant.f0[n]), plant.mu[n], stiction=STICTION * plant.speed)
+                for n in plant.segments}
     for name, segment in segments.items():
         for e in (e for e in hidden if e.at(name)):
             if e.id == "presliding":

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
+from scipy.signal import savgol_filter
 
 from ..compile import ArrayFunction, catalogue, compile_model, component_name
 from ..core.errors import DataError, StudyError
@@ -266,14 +267,14 @@ class Dataset:
                     lambda name: self._rate(signals[name]))
 
     def _rate(self, values):
-        """Slope of a recorded signal, by a cubic through the nine samples around each."""
+        """Slope of a recorded signal, by a cubic through the nine samples around each; it may jump, as torques do."""
         if id(values) not in self._rates:
             found = np.zeros(len(self.time))
             for k in np.unique(self.run):
                 part = self.run == k
                 time = self.time[part]
-                if len(time) > 8:
-                    found[part] = derivatives(time, values[part], 8 * float(np.median(np.diff(time))))[0]
+                if len(time) > 8:  # both by the number of the sample: the rate of sampling may vary
+                    found[part] = savgol_filter(values[part], 9, 3, deriv=1) / savgol_filter(time, 9, 3, deriv=1)
             self._rates[id(values)] = values, found  # held, so that no other array gets its number
         return self._rates[id(values)][1]
 

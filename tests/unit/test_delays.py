@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pycosim.compile import Library, compile_model
+from pycosim.data.dataset import Dataset
 from pycosim.dynamics.delays import Record, undo
 from pycosim.dynamics.simulate import estimate
 
@@ -60,3 +61,11 @@ def test_what_a_filter_of_first_order_has_held_back_is_given_back(T):
     b, late = (estimate(bare, {**motion, "motor.tau": tau}, TIME)["C"] for tau in (np.sin(2 * TIME), filtered))
     np.testing.assert_allclose(a["C"][20:-20], b[20:-20], atol=1e-5)
     assert np.abs(late - b)[20:-20].max() > 0.3 * T * 50  # a gear of 50
+
+
+@pytest.mark.parametrize("shake", [0.0, 2e-3])
+def test_the_slope_of_a_record_is_that_of_its_time_also_where_the_rate_varies(shake):
+    time = TIME + shake * np.sin(40 * TIME)
+    data = Dataset.__new__(Dataset)
+    data.time, data.run, data._rates = time, ONE, {}
+    np.testing.assert_allclose(data._rate(np.sin(3 * time)), 3 * np.cos(3 * time), atol=2e-2)
