@@ -308,7 +308,7 @@ def _decide(findings, rivals, base, refines, steady):
     if plain is not None:  # a correction of an effect is not claimed where the effect itself does nearly as well
         twins = [best, *[t for t in twins if t is not plain]]
         best = plain
-    best.accepted = steady(best)
+    best.accepted = bool(steady(best))
     best.provisional = not best.accepted
     findings.remove(best)
     findings.insert(0, best)

@@ -342,7 +342,8 @@ def _revised(dataset, steps, noise, seed, progress):
         larger = compile_model(dataset.library, base.rig, [*keys, found.key])
         full = full or select(dataset, steps[-1].model, steps[-1].fit, noise)
         other = select(dataset, larger, found.fit, noise, full.usual)
-        if difference(full.white, other.white)[0] > 0:
+        gain, spread = difference(full.white, other.white)
+        if gain > spread:  # the luck of folds is no reason to change one's mind
             return _ladder(dataset, steps[0], [*rest, Step(found.key, larger, found.fit, {}, {}, found)])
     return None
 

@@ -140,7 +140,7 @@ def test_verbs_and_modules_that_the_docs_name_exist():
         called = re.findall(r"^(?:    |\.venv/bin/)pycosim ([a-z]+)\b|`pycosim ([a-z]+)\b", text, re.M)
         assert {a or b for a, b in called} <= set(VERBS)
         for module in re.findall(r"python -m ([\w.]+)", text):
-            assert module in ("venv", "pytest") or importlib.util.find_spec(module), module
+            assert module in ("venv", "pytest", "build") or importlib.util.find_spec(module), module
 
 
 def test_the_new_effect_of_contributing_is_found(tmp_path):
