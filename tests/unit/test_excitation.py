@@ -11,10 +11,11 @@ def scores(spread):
     """Scores of one candidate whose coefficient is known to a spread."""
     candidate = SimpleNamespace(parts=[0], lower=[-1.0], upper=[1.0], names=["b"], key=("viscous", "1A"), grid={},
                                 effect=SimpleNamespace(id="viscous"), place=SimpleNamespace(name="1A"))
-    question = SimpleNamespace(variables={"b": SimpleNamespace(unit="N.m.s/rad")})
-    return SimpleNamespace(largest=np.linspace(5, 20, 100), weight=lambda candidate, size: 0.01,
-                           results=[SimpleNamespace(visible=True, candidate=candidate, spread=np.array([spread]))],
-                           table=SimpleNamespace(contribution=lambda effect: SimpleNamespace(question=question)))
+    table = SimpleNamespace(contribution=lambda effect: None,
+                            described=lambda contribution: {"b": SimpleNamespace(unit="N.m.s/rad")})
+    score = SimpleNamespace(visible=True, scanned=False, candidate=candidate, spread=np.array([spread]))
+    return SimpleNamespace(threshold=lambda level, scanned: 12.0, weight=lambda candidate, size: 0.01, results=[score],
+                           table=table)
 
 
 def test_an_effect_that_could_hide_at_any_size_is_not_said_to_be_small():
