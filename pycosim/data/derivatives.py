@@ -139,8 +139,8 @@ def _bandwidth(u, values, order):
     The difference of this order of the values is the acceleration. Its density falls where it is that of the motion and
     rises where it is that of noise.
     """
-    even = np.interp(np.arange(math.floor(u[-1]) + 1.0), u, values)
-    change = np.diff(even, order)
+    edges = np.r_[0, np.flatnonzero(np.diff(u) > _GAP) + 1, len(u)]
+    change = np.concatenate([_changes(u[a:b], values[a:b], order) for a, b in zip(edges[:-1], edges[1:])])
     if len(change) < _SHORT:
         return math.pi
     frequency, density = welch(change, 2 * math.pi, nperseg=min(len(change), _SEGMENT), detrend=False)
@@ -160,6 +160,11 @@ def _bandwidth(u, values, order):
     lost = 1.0 - 1.0 / (1.0 + (frequency / tried[:, None])**(2 * (_ORDER - 2 + order)))
     error = np.where(frequency < turn, lost, 1.0 - lost)**2 @ density
     return float(tried[np.argmin(error)])
+
+
+def _changes(u, values, order):
+    """Differences of an unbroken record at even steps; over a gap nothing moved evenly."""
+    return np.diff(np.interp(np.arange(math.floor(u[0]), math.floor(u[-1]) + 1.0), u, values), order)
 
 
 def _turn(level, weight):

@@ -9,8 +9,6 @@ from ..compile.effects import annotation
 from .compare import unit_of
 from .dependence import explanations
 
-RAMPS = 0.4  # of the moving samples at most lie in the ramps of passes at one speed; of a sine less than half its speed
-
 
 def undetectable(table, scores):
     """Effects and places that the data cannot show.
@@ -159,7 +157,7 @@ def _coverage(d):
                           ("what depends on the angles alone cancels between a pass and its way back", True),
         "joint_encoders": ("no joint encoder", not d.zeros),
         "temperatures": ("one temperature only", np.ptp(d.measured.get("temperature", np.zeros(2))) < 0.5),
-        "speeds": ("one speed only", not d.averaged and np.ptp(np.log(np.quantile(moving, [RAMPS, 0.95]))) < 0.2),
+        "speeds": ("one speed only", not d.averaged and np.ptp(np.log(np.quantile(moving, [0.2, 0.95]))) < 0.2),
         "directions": ("one direction only", one_way),
         "reversals": ("no reversals", one_way or len(np.unique(d.passes[d.passes >= 0])) < 2),
     }
