@@ -54,6 +54,8 @@ class Dataset:
     block : ndarray of int, shape (n,)
         Block of each sample.
     is_test : ndarray of bool, shape (blocks,)
+    by_run : bool
+        Whether folds are whole logs: those are then what is independent, not the blocks of one.
     """
 
     def __init__(self, study, library, logs=None):
@@ -522,7 +524,8 @@ class Dataset:
         fitted = self.blocks.take(~self.is_test)
         runs, of_run = np.unique(fitted.run, return_inverse=True)
         # a log's blocks share its conditions: with enough logs, a fold is left out log by log
-        self.fold[~self.is_test] = of_run % FOLDS if len(runs) >= 4 else segmentation.folds(fitted, FOLDS)
+        self.by_run = len(runs) >= 4
+        self.fold[~self.is_test] = of_run % FOLDS if self.by_run else segmentation.folds(fitted, FOLDS)
 
     def shortcomings(self):
         """What a log that is too poor for some questions can still answer.

@@ -14,7 +14,7 @@ LARGEST = 50e6  # bytes of derivatives that rivals are compared by: a longer log
 
 @dataclass
 class Selection:
-    """Errors of a refitted model on folds that it was not fitted to, block by block.
+    """Errors of a refitted model on folds that it was not fitted to, block by block; log by log where folds are logs.
 
     Attributes
     ----------
@@ -74,7 +74,11 @@ def select(dataset, model, fit, noise, usual=None):
     low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
     high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
     fold = dataset.fold[blocks]
-    return Selection(_cross_validate(raw, fold, low, high), _cross_validate(white, fold, low, high).sum(0), usual)
+    errors = [_cross_validate(gram, fold, low, high) for gram in (raw, white)]
+    if dataset.by_run:  # the blocks of a log share its conditions
+        own = np.unique(dataset.blocks.run[blocks], return_inverse=True)[1]
+        errors = [np.array([np.bincount(own, of_channel) for of_channel in e]) for e in errors]
+    return Selection(errors[0], errors[1].sum(0), usual)
 
 
 def _cross_validate(gram, fold, low, high):

@@ -10,7 +10,7 @@ from ..fit import least_squares
 from . import compare
 from .constancy import LACK, constancy
 from .crossval import difference, select
-from .decide import Finding, diagnose, nudged
+from .decide import SEPARATE, Finding, diagnose, nudged
 
 MOST = 6  # effects that one search may add
 AHEAD = 4  # effects that the search goes on with, to see whether a coefficient becomes constant
@@ -342,8 +342,8 @@ def _revised(dataset, steps, noise, seed, progress):
         larger = compile_model(dataset.library, base.rig, [*keys, found.key])
         full = full or select(dataset, steps[-1].model, steps[-1].fit, noise)
         other = select(dataset, larger, found.fit, noise, full.usual)
-        gain, spread = difference(full.white, other.white)
-        if gain > spread:  # the luck of folds is no reason to change one's mind
+        gains = [difference(getattr(full, kind), getattr(other, kind)) for kind in ("white", "raw")]
+        if all(gain > SEPARATE * spread for gain, spread in gains):  # the luck of folds changes nobody's mind
             return _ladder(dataset, steps[0], [*rest, Step(found.key, larger, found.fit, {}, {}, found)])
     return None
 
