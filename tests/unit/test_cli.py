@@ -107,7 +107,7 @@ def test_improve_leaves_every_file_and_tells_the_story(log, here, capsys):
     assert abs(improved.parameters["viscous_1A.b"].value - 0.05) < 0.005
     assert "Viscous viscous_1A" in (out / "model.mo").read_text()
     told = capsys.readouterr()
-    assert "Missing: viscous at 1A (p = 0.0005 family-wise). b = 0.0" in told.out
+    assert "Missing: viscous at 1A (p = 0.001 family-wise). b = 0.0" in told.out
     assert "noise floor" in told.out.lower() and "Took" in told.out
     assert told.out.splitlines()[-1].startswith("Results in study_improve: ") and told.err == ""
 
