@@ -126,7 +126,7 @@ def test_identified_values_and_every_name_are_in_the_header(exported):
     assert "SI units" in text and "malloc" not in c.source.read_text()
     assert re.findall(r"#include <(.*)>", c.source.read_text()) == ["math.h"]
     for n in model.question("estimate").inputs:
-        assert f"/* {n} [" in text and (not n.startswith("der(der(") or f"/* {n} [rad/s2]" in text)
+        assert f"/* {n} [" in text and (not n.startswith("der(der(") or f"/* {n} [{model.along('rad/s2')}]" in text)
     for k, (n, v) in enumerate(model.parameters.items()):
         assert f"= {k}, /* {n} [{v.unit}]" in text
         if not re.fullmatch(r"motor\d?\.J", n):
