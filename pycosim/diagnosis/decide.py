@@ -303,6 +303,8 @@ def _decide(findings, rivals, base, refines, steady):
     if not earned:
         return
     best = earned[0]
+    if _at_a_bound(best):  # a coefficient that the bounds alone hold is no measurement, where another does as well
+        best = next((f for f in earned[1:] if not _at_a_bound(f) and _twins(base, f, best)), best)
     twins = [f for f in rivals if f is not best and _twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(base, f, best, 3.0)), None)
     if plain is not None:  # a correction of an effect is not claimed where the effect itself does nearly as well
@@ -317,11 +319,18 @@ def _decide(findings, rivals, base, refines, steady):
         other.twins.append({"effect": best.effect, "place": best.place})
 
 
+def _at_a_bound(finding):
+    """Whether a coefficient of a refitted candidate lies at an end of what is allowed."""
+    own = [n for n in finding.fit.free if n.startswith(f"{finding.effect}_")]
+    return any(finding.fit.at_bound(n) for n in own)
+
+
 def _refused(base, finding):
     """Why a refitted candidate is no finding by itself, in words; None for one that is.
 
     It must be more than chance, predict unseen blocks better by more than the error of that, and by enough to matter,
-    in the channel that it changes most too; and its size must differ from nothing.
+    in the channel that it changes most too. Its interval is asked after the fit to all samples, whose residual alone
+    tells the noise: that of the model without it holds what is missing.
     """
     if finding.p_value >= LEVEL:
         return "no more than chance"
@@ -333,7 +342,7 @@ def _refused(base, finding):
         return "no better on passes that it was not fitted to"
     if shares[own] < RELEVANT:
         return f"too small to matter: {100 * shares[own]:.2g} % of the squared error"
-    return NOTHING if _holds_nothing(finding) else None
+    return None
 
 
 def _holds_nothing(finding):
