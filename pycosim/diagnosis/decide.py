@@ -1,8 +1,8 @@
 """A fitted model and its data in; which effect is missing, where, how sure, or nothing, or nothing known, out.
 
-The best few candidates are refitted; the first is accepted when it is significant and lowers the error on folds that
-it was not fitted to by more than the standard error of that fall, and by most of what a free function of one variable
-would.
+The best few candidates are refitted; the first is accepted that is significant, that lowers the error on folds that it
+was not fitted to by more than the standard error of that fall and by enough to matter, whose interval leaves out
+nothing, and whose coefficient is the same all over the data.
 """
 
 from __future__ import annotations
@@ -151,7 +151,9 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
         chosen.coefficients = _coefficients(larger, chosen.fit)
         if _holds_nothing(chosen):  # all samples are in this fit, and a bound that only they reach
             chosen.accepted = chosen.provisional = False
-            chosen.refused, chosen.twins, chosen = NOTHING, [], None
+            chosen.refused, chosen = NOTHING, None
+            for finding in findings:  # alternatives of what is no finding
+                finding.twins = []
         else:
             _explained_by(findings, chosen, scores)
     say("looking at what is left")
