@@ -1,12 +1,14 @@
-/* A drive as an actuator plugin of MuJoCo. Before this come, generated: DRIVE (identifier), DRIVE_NAME, sizes NM (motors),
-   NX (friction states), NP (parameters), NQ (what they alone ask for), drive_names, drive_start, drive_low, drive_high,
-   and the law: drive_prepare, drive_implicit, drive_follow.
+/* A drive as an actuator plugin of MuJoCo. Before this come, generated: DRIVE (identifier), DRIVE_NAME, sizes NM
+   (motors), NX (friction states), NP (parameters), NQ (what they alone ask for), drive_names, drive_start, drive_low,
+   drive_high, and the law: drive_prepare, drive_implicit, drive_follow.
 
    One instance has one or many drives: its actuators in their order, NM a drive. An actuator's length is its motor's
-   angle, its control drives the motor, its force is the torque at that angle. The speed v at the end of the step follows
-   from v = b + h A tau(v): A is what the bodies move for a unit of torque, b what they would do without the drives; all
-   drives of an instance are solved for together, by Newton's method. What constraints (contacts, stops, equalities) did
-   in the last step is taken as what they will do in this one. */
+   angle, its control drives the motor, its force is the torque at that angle. What a step of h changes the bodies'
+   speeds v by, x, follows from M x = h (f + J' tau(J (v + x))): M and f are MuJoCo's inertia and its other forces, J
+   the actuators' moments. All drives of an instance are solved for together, by Newton's method. Its matrix,
+   M - h J' tau' J, has MuJoCo's own pattern where an actuator moves one joint, or joints of one branch: then a
+   correction costs what MuJoCo's factorisation of M does. What constraints (contacts, stops, equalities) did in the
+   last step is taken as what they will do in this one. */
 
 #include <math.h>
 #include <stdlib.h>
@@ -14,16 +16,20 @@
 #include <mujoco/mujoco.h>
 
 #define SMALL 1e-6      /* of a correction of a speed, relative and of 1 rad/s; its square is what it leaves */
+#define STRAIGHT 1e-11  /* over the largest torque: as far off the line of a correction, that was the last one */
 #define PLAIN 8         /* corrections taken whole */
-#define MOST 30         /* then shortened ones, as far as the equations fail less */
+#define MOST 30         /* then shortened ones, as far as the next one gets smaller */
 
 typedef struct {
-  int n, nv;                                       /* actuators, degrees of freedom of the engine */
-  int *output, *control;                           /* of each actuator */
+  int n, nv, dofs, full;                 /* actuators, degrees of freedom: MuJoCo's, the drives' trees'; own pattern? */
+  int *output, *control, *dof, *has;     /* of each actuator; the trees' degrees of freedom, which they are */
+  int *length, *start, *column;          /* the matrix by rows up to the diagonal, as MuJoCo stores M */
   double q[NQ];
-  double *moved, *mobility, *by, *scale;           /* half of inv(M) over each actuator (n x nv), A, one more, sqrt(1/D) */
-  double *free, *v, *tau, *slope, *miss, *matrix;  /* b, v, torque, its slope (n x NM), what is left, Jacobian */
-  double *change, *trial, *trial_tau, *trial_slope, *trial_miss;
+  double *lower, *upper, *inverse;       /* the matrix, then its factors; columns up to the diagonal; 1 / pivots */
+  double *push, *left, *change, *next;   /* forces; what x still misses, its correction, what the next misses */
+  double *v, *tau, *slope;               /* of the actuators: speed, torque, slope (n x NM) */
+  double *turn, *line;                   /* their correction of the speed, and of the torque along a straight line */
+  double *trial, *trial_tau, *trial_slope, *spare;
 } Drive;
 
 static int count(const mjModel *m, int instance) {
@@ -33,18 +39,29 @@ static int count(const mjModel *m, int instance) {
 }
 
 static int nstate(const mjModel *m, int instance) {
-  int n = count(m, instance);
-  return n / NM * NX + n; /* friction states; acceleration of each actuator that constraints made in the last step */
+  return count(m, instance) / NM * NX + m->nv; /* friction states; forces that constraints made in the last step */
 }
 
 static void destroy(mjData *d, int instance) {
   Drive *e = (Drive *)d->plugin_data[instance];
   if (e) {
     free(e->output);
-    free(e->moved);
+    free(e->push);
+    free(e->column);
+    free(e->lower);
     free(e);
   }
   d->plugin_data[instance] = 0;
+}
+
+/* Room for a matrix of so many entries; 0 where there is none. */
+static int room(Drive *e, size_t entries) {
+  free(e->column);
+  free(e->lower);
+  e->column = (int *)calloc(entries + 1, sizeof(int));
+  e->lower = (double *)calloc((NM > 1 ? 2 : 1) * entries + 1, sizeof(double));
+  e->upper = e->lower + (NM > 1 ? entries : 0); /* with one motor a drive the matrix is symmetric */
+  return e->column && e->lower;
 }
 
 /* Parameters of an instance: its own, or those identified; 0 where one is no number within its bounds. */
@@ -65,7 +82,8 @@ static int configure(const mjModel *m, int instance, Drive *e) {
 }
 
 static int init(const mjModel *m, mjData *d, int instance) {
-  int n = count(m, instance), nv = m->nv, at = 0;
+  const int n = count(m, instance), nv = m->nv;
+  int at = 0;
   d->plugin_data[instance] = 0;
   if (n % NM) {
     mju_warning("%s: %d actuators share an instance; a drive has %d, in the order of its motors", DRIVE_NAME, n, NM);
@@ -77,20 +95,23 @@ static int init(const mjModel *m, mjData *d, int instance) {
     return -1;
   }
   Drive *e = (Drive *)calloc(1, sizeof(Drive));
-  size_t numbers = (size_t)n * nv + 2 * (size_t)n * n + 2 * (size_t)nv + 8 * (size_t)n + 2 * (size_t)n * NM;
-  if (e) e->output = (int *)calloc(2 * (size_t)n + 1, sizeof(int));
-  if (e) e->moved = (double *)calloc(numbers + 1, sizeof(double));
   d->plugin_data[instance] = (uintptr_t)e;
-  if (!e || !e->output || !e->moved || !configure(m, instance, e)) {
+  if (e) e->output = (int *)calloc(2 * (size_t)n + 4 * (size_t)nv + 1, sizeof(int));
+  if (e) e->push = (double *)calloc(5 * (size_t)nv + (7 + 2 * NM) * (size_t)n + 1, sizeof(double));
+  if (!e || !e->output || !e->push || !room(e, m->nC) || !configure(m, instance, e)) {
     destroy(d, instance);
     return -1;
   }
-  e->n = n, e->nv = nv, e->control = e->output + n;
-  e->mobility = e->moved + n * nv, e->matrix = e->mobility + n * n, e->by = e->matrix + n * n, e->scale = e->by + nv;
-  e->free = e->scale + nv, e->v = e->free + n, e->tau = e->v + n, e->miss = e->tau + n, e->trial = e->miss + n;
-  e->trial_tau = e->trial + n, e->trial_miss = e->trial_tau + n, e->change = e->trial_miss + n;
-  e->slope = e->change + n;
+  e->n = n, e->nv = nv;
+  e->control = e->output + n, e->dof = e->control + n, e->has = e->dof + nv, e->length = e->has + nv;
+  e->start = e->length + nv;
+  e->left = e->push + nv, e->change = e->left + nv, e->next = e->change + nv, e->inverse = e->next + nv;
+  e->v = e->inverse + nv, e->tau = e->v + n, e->turn = e->tau + n, e->line = e->turn + n, e->trial = e->line + n;
+  e->trial_tau = e->trial + n, e->spare = e->trial_tau + n, e->slope = e->spare + n;
   e->trial_slope = e->slope + n * NM;
+  memcpy(e->length, m->M_rownnz, nv * sizeof(int));
+  memcpy(e->start, m->M_rowadr, nv * sizeof(int));
+  memcpy(e->column, m->M_colind, m->nC * sizeof(int));
   for (int i = 0; i < m->nactuator; ++i) {
     if (m->actuator_plugin[i] != instance) continue;
     e->output[at] = m->actuator_outadr[i];
@@ -104,74 +125,146 @@ static void reset(const mjModel *m, mjtNum *state, void *data, int instance) {
   memset(state, 0, m->plugin_statenum[instance] * sizeof(mjtNum));
 }
 
-/* The half x <- D^-1/2 L^-T x of a solution with the inertia M = L' D L of the engine. */
-static void half(const mjModel *m, const mjData *d, const double *scale, double *x) {
-  for (int i = m->nv - 1; i >= 0; --i) {
-    if (x[i] == 0) continue;
-    const int first = m->M_rowadr[i], last = first + m->M_rownnz[i] - 1;
-    for (int k = first; k < last; ++k) x[m->M_colind[k]] -= d->qLD[k] * x[i];
-    x[i] *= scale[i];
-  }
-}
+/* --- the actuators' moments, J */
 
 static void add_moment(const mjData *d, int output, double by, double *x) {
   const int first = d->moment_rowadr[output], last = first + d->moment_rownnz[output];
   for (int k = first; k < last; ++k) x[d->moment_colind[k]] += by * d->actuator_moment[k];
 }
 
-static double larger(double so_far, double change, double of) {
-  const double size = fabs(change) / (1 + fabs(of));
-  return size <= so_far ? so_far : size;
+static double along(const mjData *d, int output, const double *x) {
+  const int first = d->moment_rowadr[output], last = first + d->moment_rownnz[output];
+  double sum = 0;
+  for (int k = first; k < last; ++k) sum += d->actuator_moment[k] * x[d->moment_colind[k]];
+  return sum;
 }
 
-static double dot(const double *a, const double *b, int n) {
-  double s0 = 0, s1 = 0, s2 = 0, s3 = 0; /* four sums, which a processor forms side by side */
-  int i = 0;
-  for (; i < n - 3; i += 4) {
-    s0 += a[i] * b[i], s1 += a[i + 1] * b[i + 1];
-    s2 += a[i + 2] * b[i + 2], s3 += a[i + 3] * b[i + 3];
-  }
-  for (; i < n; ++i) s0 += a[i] * b[i];
-  return (s0 + s1) + (s2 + s3);
+/* --- the matrix */
+
+/* Where row i of the matrix has column j <= i; -1 where its pattern has none. */
+static int place(const Drive *e, int i, int j) {
+  int k = e->start[i] + e->length[i] - 1;
+  while (k >= e->start[i] && e->column[k] > j) --k;
+  return k >= e->start[i] && e->column[k] == j ? k : -1;
 }
 
-/* What the bodies would do without the drives, and what they do for them. */
-static void see_bodies(const mjModel *m, mjData *d, int instance, Drive *e, const double *constrained) {
-  const int n = e->n, nv = e->nv;
-  const double h = m->opt.timestep;
-  for (int i = 0; i < nv; ++i) {
-    e->scale[i] = sqrt(d->qLDiagInv[i]);
-    e->by[i] = d->qfrc_passive[i] - d->qfrc_bias[i] + d->qfrc_applied[i];
+/* Whether all that the drives couple has a place in the matrix. */
+static int fits(const mjData *d, const Drive *e) {
+  for (int a = 0; a < e->n; ++a) {
+    const int *of = d->moment_colind + d->moment_rowadr[e->output[a]], many = d->moment_rownnz[e->output[a]];
+    for (int k = 0; k < many; ++k)
+      if (!e->has[of[k]]) return 0;
+    if (NM == 1 && many < 2) continue;
+    for (int b = a / NM * NM; b <= a; ++b) {
+      const int *to = d->moment_colind + d->moment_rowadr[e->output[b]], more = d->moment_rownnz[e->output[b]];
+      for (int k = 0; k < many; ++k)
+        for (int l = 0; l < more; ++l)
+          if (place(e, of[k] > to[l] ? of[k] : to[l], of[k] > to[l] ? to[l] : of[k]) < 0) return 0;
+    }
   }
-  for (int i = 1; i < m->nbody; ++i) {
-    const mjtNum *f = d->xfrc_applied + 6 * i;
-    if (f[0] != 0 || f[1] != 0 || f[2] != 0 || f[3] != 0 || f[4] != 0 || f[5] != 0)
-      mj_applyFT(m, d, f, f + 3, d->xipos + 3 * i, i, e->by);
+  return 1;
+}
+
+/* The degrees of freedom of the trees that the drives move, and a pattern that has all that they couple: MuJoCo's, or,
+   where an actuator couples branches, a full one. 0 where there is no room. */
+static int arrange(const mjModel *m, const mjData *d, Drive *e) {
+  for (int a = 0; a < e->n; ++a) {
+    const int *of = d->moment_colind + d->moment_rowadr[e->output[a]], many = d->moment_rownnz[e->output[a]];
+    for (int k = 0; k < many; ++k)
+      for (int i = 0; i < e->nv; ++i) e->has[i] |= m->dof_treeid[i] == m->dof_treeid[of[k]];
   }
-  for (int i = 0; i < m->nactuator; ++i) {
-    if (m->actuator_plugin[i] == instance) continue;
-    for (int k = m->actuator_outadr[i]; k < m->actuator_outadr[i] + m->actuator_outnum[i]; ++k)
-      add_moment(d, k, d->actuator_force[k], e->by);
+  e->dofs = 0;
+  for (int i = 0; i < e->nv; ++i)
+    if (e->has[i]) e->dof[e->dofs++] = i;
+  if (!e->full && fits(d, e)) return 1;
+  e->full = 1;
+  if (!room(e, (size_t)e->dofs * (e->dofs + 1) / 2)) return 0;
+  for (int i = 0, at = 0; i < e->dofs; ++i) {
+    e->length[e->dof[i]] = i + 1, e->start[e->dof[i]] = at;
+    for (int j = 0; j <= i; ++j) e->column[at++] = e->dof[j];
   }
-  half(m, d, e->scale, e->by);
-  memset(e->moved, 0, (size_t)n * nv * sizeof(double));
-  for (int k = 0; k < n; ++k) {
-    double *x = e->moved + k * nv;
-    add_moment(d, e->output[k], 1, x);
-    half(m, d, e->scale, x);
-    e->free[k] = d->actuator_velocity[e->output[k]] + h * (dot(x, e->by, nv) + constrained[k]);
-    for (int j = 0; j <= k; ++j) {
-      int last = nv;
-      while (last && (x[last - 1] == 0 || e->moved[j * nv + last - 1] == 0)) --last; /* other branches of the tree */
-      e->mobility[k * n + j] = e->mobility[j * n + k] = h * dot(x, e->moved + j * nv, last);
+  return 1;
+}
+
+/* The matrix M - h J' tau' J. */
+static void assemble(const mjModel *m, const mjData *d, Drive *e, double h) {
+  if (!e->full) memcpy(e->lower, d->M, m->nC * sizeof(double));
+  else memset(e->lower, 0, (size_t)e->dofs * (e->dofs + 1) / 2 * sizeof(double));
+  for (int at = 0; e->full && at < e->dofs; ++at) {
+    const int i = e->dof[at], last = m->M_rowadr[i] + m->M_rownnz[i];
+    for (int k = m->M_rowadr[i]; k < last; ++k) e->lower[place(e, i, m->M_colind[k])] = d->M[k];
+  }
+  if (NM > 1) memcpy(e->upper, e->lower, (size_t)(e->upper - e->lower) * sizeof(double));
+  for (int a = 0; a < e->n; ++a) { /* torque of actuator a over the speed of actuator b */
+    const int of = d->moment_rowadr[e->output[a]], many = d->moment_rownnz[e->output[a]];
+    for (int c = 0; c < NM; ++c) {
+      const int b = a / NM * NM + c, to = d->moment_rowadr[e->output[b]], more = d->moment_rownnz[e->output[b]];
+      const double by = h * e->slope[b * NM + a % NM];
+      for (int k = of; k < of + many; ++k) {
+        for (int l = to; l < to + more; ++l) {
+          const int i = d->moment_colind[k], j = d->moment_colind[l];
+          const double entry = by * d->actuator_moment[k] * d->actuator_moment[l];
+          if (i >= j) e->lower[place(e, i, j)] -= entry;
+          if (NM > 1 && i <= j) e->upper[place(e, j, i)] -= entry;
+        }
+      }
     }
   }
 }
 
-/* Torques at a speed, and by how much it is not the one that they lead to; the largest, relative to the speed. */
-static double missed(const mjModel *m, const mjData *d, const Drive *e, const double *states, const double *v,
-                     double *tau, double *slope, double *miss) {
-  double worst = 0, phi[NM], w[NM], u[NM];
+/* Its factors, from the leaves of the tree to its root; no pivots are needed, as torque falls with speed. */
+static void factorise(Drive *e) {
+  for (int at = e->dofs - 1; at >= 0; --at) {
+    const int i = e->dof[at], many = e->length[i] - 1, *of = e->column + e->start[i];
+    const double *row = e->lower + e->start[i], *column = e->upper + e->start[i];
+    const double inverse = e->inverse[i] = 1 / row[many];
+    for (int k = 0; k < many; ++k) {
+      double *above = e->lower + e->start[of[k]], *left = e->upper + e->start[of[k]];
+      const double by = column[k] * inverse, across = row[k] * inverse;
+      for (int l = 0; l <= k; ++l) above[l] -= by * row[l];
+      for (int l = 0; NM > 1 && l <= k; ++l) left[l] -= across * column[l];
+    }
+  }
+}
+
+/* The solution x, in whose place the right side was. */
+static void backward(const Drive *e, double *x) {
+  for (int at = e->dofs - 1; at >= 0; --at) {
+    const int i = e->dof[at], many = e->length[i] - 1, *of = e->column + e->start[i];
+    const double *column = e->upper + e->start[i], by = x[i] * e->inverse[i];
+    for (int k = 0; k < many; ++k) x[of[k]] -= column[k] * by;
+  }
+  for (int at = 0; at < e->dofs; ++at) {
+    const int i = e->dof[at], many = e->length[i] - 1, *of = e->column + e->start[i];
+    const double *row = e->lower + e->start[i];
+    double sum = x[i];
+    for (int k = 0; k < many; ++k) sum -= row[k] * x[of[k]];
+    x[i] = sum * e->inverse[i];
+  }
+}
+
+/* --- a step */
+
+/* Forces on the bodies but for the drives'. */
+static void see_bodies(const mjModel *m, mjData *d, int instance, Drive *e, const double *constrained) {
+  for (int i = 0; i < e->nv; ++i)
+    e->push[i] = d->qfrc_passive[i] - d->qfrc_bias[i] + d->qfrc_applied[i] + constrained[i];
+  for (int i = 1; i < m->nbody; ++i) {
+    const mjtNum *f = d->xfrc_applied + 6 * i;
+    if (f[0] != 0 || f[1] != 0 || f[2] != 0 || f[3] != 0 || f[4] != 0 || f[5] != 0)
+      mj_applyFT(m, d, f, f + 3, d->xipos + 3 * i, i, e->push);
+  }
+  for (int i = 0; i < m->nactuator; ++i) {
+    if (m->actuator_plugin[i] == instance) continue;
+    for (int k = m->actuator_outadr[i]; k < m->actuator_outadr[i] + m->actuator_outnum[i]; ++k)
+      add_moment(d, k, d->actuator_force[k], e->push);
+  }
+}
+
+/* Torques and their slopes at speeds. */
+static void ask(const mjModel *m, const mjData *d, const Drive *e, const double *states, const double *v, double *tau,
+                double *slope) {
+  double phi[NM], w[NM], u[NM];
   for (int i = 0; i < e->n; i += NM) {
     for (int k = 0; k < NM; ++k) {
       phi[k] = d->actuator_length[e->output[i + k]];
@@ -180,40 +273,49 @@ static double missed(const mjModel *m, const mjData *d, const Drive *e, const do
     }
     drive_implicit(v + i, states + i / NM * NX, phi, w, u, d->time, m->opt.timestep, e->q, tau + i, slope + i * NM);
   }
-  for (int i = 0; i < e->n; ++i) miss[i] = v[i] - e->free[i] - dot(e->mobility + i * e->n, tau, e->n);
-  for (int i = 0; i < e->n; ++i) worst = larger(worst, miss[i], v[i]);
-  return worst;
 }
 
-/* The correction x of the speeds, (1 - mobility slope) x = miss; no pivots are needed, as torque falls with speed. */
-static double correct(Drive *e, double *x) {
-  const int n = e->n;
-  double *a = e->matrix, largest = 0;
-  for (int i = 0; i < n; ++i) {
-    for (int j = 0; j < n; j += NM) {
-      for (int c = 0; c < NM; ++c) {
-        double sum = i == j + c;
-        for (int k = 0; k < NM; ++k) sum -= e->mobility[i * n + j + k] * e->slope[j * NM + c * NM + k];
-        a[i * n + j + c] = sum;
-      }
-    }
-    x[i] = e->miss[i];
-  }
-  for (int k = 0; k < n; ++k) {
-    const double inverse = 1 / a[k * n + k];
-    for (int i = k + 1; i < n; ++i) {
-      const double by = a[i * n + k] * inverse;
-      if (by == 0) continue;
-      for (int j = k + 1; j < n; ++j) a[i * n + j] -= by * a[k * n + j];
-      x[i] -= by * x[k];
-    }
-  }
-  for (int i = n - 1; i >= 0; --i) {
-    for (int j = i + 1; j < n; ++j) x[i] -= a[i * n + j] * x[j];
-    x[i] /= a[i * n + i];
-    largest = larger(largest, x[i], e->v[i]);
+/* What correction x of the bodies' speeds turns the actuators by; the largest, relative to the speed. */
+static double turned(const mjData *d, const Drive *e, const double *x, double *turn) {
+  double largest = 0;
+  for (int k = 0; k < e->n; ++k) {
+    const double by = along(d, e->output[k], x), size = fabs(by) / (1 + fabs(e->v[k]));
+    turn[k] = by;
+    if (!(size <= largest)) largest = size;
   }
   return largest;
+}
+
+/* The next correction: of what is left, along the line of torque at the speeds as they are. Its size. */
+static double correct(const mjModel *m, const mjData *d, Drive *e, double h) {
+  assemble(m, d, e, h);
+  factorise(e);
+  memcpy(e->change, e->left, e->nv * sizeof(double));
+  backward(e, e->change);
+  const double size = turned(d, e, e->change, e->turn);
+  for (int i = 0; i < e->n; i += NM) {
+    for (int k = 0; k < NM; ++k) {
+      double sum = 0;
+      for (int c = 0; c < NM; ++c) sum += e->slope[i * NM + c * NM + k] * e->turn[i + c];
+      e->line[i + k] = sum;
+    }
+  }
+  return size;
+}
+
+/* Torques after a share of the correction, and what is left then; how far they are off the line, over the largest. */
+static double attempt(const mjModel *m, const mjData *d, Drive *e, const double *states, double share, double h) {
+  double off = 0, largest = 0;
+  for (int k = 0; k < e->n; ++k) e->trial[k] = e->v[k] + share * e->turn[k];
+  ask(m, d, e, states, e->trial, e->trial_tau, e->trial_slope);
+  for (int i = 0; i < e->nv; ++i) e->next[i] = (1 - share) * e->left[i];
+  for (int k = 0; k < e->n; ++k) {
+    const double bent = e->trial_tau[k] - e->tau[k] - share * e->line[k], size = fabs(e->trial_tau[k]);
+    add_moment(d, e->output[k], h * bent, e->next);
+    if (!(fabs(bent) <= off)) off = fabs(bent);
+    if (!(size <= largest)) largest = size;
+  }
+  return share < 1 ? 1 : off == 0 ? 0 : off / largest;
 }
 
 static void swap(double **a, double **b) {
@@ -221,32 +323,38 @@ static void swap(double **a, double **b) {
   *a = *b, *b = c;
 }
 
-/* Torques where the speeds are those that they lead to. */
+/* Torques at the speeds that they lead to. */
 static void solve(const mjModel *m, const mjData *d, Drive *e, const double *states) {
-  const int n = e->n;
-  for (int i = 0; i < n; ++i) e->v[i] = d->actuator_velocity[e->output[i]];
-  double worst = missed(m, d, e, states, e->v, e->tau, e->slope, e->miss), found;
+  const double h = m->opt.timestep;
+  for (int k = 0; k < e->n; ++k) e->v[k] = d->actuator_velocity[e->output[k]];
+  ask(m, d, e, states, e->v, e->tau, e->slope);
+  for (int k = 0; k < e->n; ++k) add_moment(d, e->output[k], e->tau[k], e->push);
+  for (int i = 0; i < e->nv; ++i) e->left[i] = h * e->push[i];
   for (int k = 0; k < MOST; ++k) {
-    double share = 1, size = correct(e, e->change);
-    if (size <= SMALL) break;
-    do {
-      for (int i = 0; i < n; ++i) e->trial[i] = e->v[i] - share * e->change[i];
-      found = missed(m, d, e, states, e->trial, e->trial_tau, e->trial_slope, e->trial_miss);
+    double share = 1, off;
+    const double size = correct(m, d, e, h);
+    if (size <= SMALL) { /* along the last, small correction torque is straight */
+      for (int i = 0; i < e->n; ++i) e->tau[i] += e->line[i];
+      return;
+    }
+    for (;;) {
+      off = attempt(m, d, e, states, share, h);
+      if (k < PLAIN || share < 0.01) break;
+      memcpy(e->change, e->next, e->nv * sizeof(double));
+      backward(e, e->change);
+      if (turned(d, e, e->change, e->spare) < size) break;
       share /= 2;
-    } while (k >= PLAIN && !(found < worst) && share > 0.01);
-    swap(&e->v, &e->trial), swap(&e->tau, &e->trial_tau), swap(&e->slope, &e->trial_slope);
-    swap(&e->miss, &e->trial_miss);
-    worst = found;
+    }
+    swap(&e->v, &e->trial), swap(&e->tau, &e->trial_tau), swap(&e->slope, &e->trial_slope), swap(&e->left, &e->next);
+    if (off <= STRAIGHT) return;
   }
-  for (int i = 0; i < n; i += NM) /* along the last, small correction torque is straight */
-    for (int c = 0; c < NM; ++c)
-      for (int k = 0; k < NM; ++k) e->tau[i + k] -= e->slope[i * NM + c * NM + k] * e->change[i + c];
 }
 
 static void compute(const mjModel *m, mjData *d, int instance, int capability) {
   Drive *e = (Drive *)d->plugin_data[instance];
   const double *states = d->plugin_state + m->plugin_stateadr[instance];
   (void)capability;
+  if (!fits(d, e) && !arrange(m, d, e)) mju_error("%s: no memory", DRIVE_NAME);
   see_bodies(m, d, instance, e, states + e->n / NM * NX);
   solve(m, d, e, states);
   for (int k = 0; k < e->n; ++k) d->actuator_force[e->output[k]] = e->tau[k];
@@ -254,22 +362,15 @@ static void compute(const mjModel *m, mjData *d, int instance, int capability) {
 
 /* Friction states follow what the step moved; what the constraints did is kept for the next. */
 static void advance(const mjModel *m, mjData *d, int instance) {
-  Drive *e = (Drive *)d->plugin_data[instance];
+  const Drive *e = (const Drive *)d->plugin_data[instance];
   double *states = d->plugin_state + m->plugin_stateadr[instance], *constrained = states + e->n / NM * NX;
   double mean[NM];
   for (int i = 0; i < e->n; i += NM) {
-    for (int k = 0; k < NM; ++k) {
-      const int first = d->moment_rowadr[e->output[i + k]], last = first + d->moment_rownnz[e->output[i + k]];
-      mean[k] = 0;
-      for (int j = first; j < last; ++j) mean[k] += d->actuator_moment[j] * d->qvel[d->moment_colind[j]];
-    }
+    for (int k = 0; k < NM; ++k) mean[k] = along(d, e->output[i + k], d->qvel);
     drive_follow(mean, states + i / NM * NX, m->opt.timestep, e->q, states + i / NM * NX);
   }
-  memset(constrained, 0, e->n * sizeof(double));
-  if (!d->nefc) return;
-  memcpy(e->by, d->qfrc_constraint, e->nv * sizeof(double));
-  half(m, d, e->scale, e->by);
-  for (int k = 0; k < e->n; ++k) constrained[k] = dot(e->moved + k * e->nv, e->by, e->nv);
+  if (d->nefc) memcpy(constrained, d->qfrc_constraint, e->nv * sizeof(double));
+  else memset(constrained, 0, e->nv * sizeof(double));
 }
 
 mjPLUGIN_LIB_INIT(DRIVE) {

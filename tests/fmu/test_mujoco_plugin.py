@@ -125,13 +125,22 @@ def started(mujoco, text, **options):
     return model, mujoco.MjData(model)
 
 
-@pytest.mark.parametrize(("rig", "legs"), [("GearedJoint", 0), ("ServoPendulum", 0), ("HipKnee", 0), ("ScrewDrive", 0),
-                                           ("ServoPendulum", 12)])
-def test_the_torque_is_that_of_the_speed_at_the_end_of_the_step(case, engine, rig, legs):
+def coupled(text):
+    """A robot of four legs, one drive of which pulls at two of them: what it moves is no branch of the tree."""
+    tendon = '<tendon><fixed name="across"><joint joint="a0" coef="1"/><joint joint="a1" coef="-1"/></fixed></tendon>'
+    text = text.replace('<plugin joint="a0"', '<plugin tendon="across"')
+    return text.replace("<actuator>", f"{tendon}<actuator>")
+
+
+@pytest.mark.parametrize(("rig", "robot"), [
+    ("GearedJoint", None), ("ServoPendulum", None), ("HipKnee", None), ("ScrewDrive", None),
+    ("ServoPendulum", lambda text: text), ("ServoPendulum", coupled)],
+    ids=["geared", "servo", "hip-knee", "screw", "legs", "coupled legs"])
+def test_the_torque_is_that_of_the_speed_at_the_end_of_the_step(case, engine, rig, robot):
     """Random states, reversals and rest: MuJoCo's own end of the step, put into the law, gives the plugin's torque."""
     _, _, _, law = case(rig)
     mujoco, text = engine(rig)
-    model, data = started(mujoco, four_legs("servopendulum_engine", base=False) if legs else text)
+    model, data = started(mujoco, robot(four_legs("servopendulum_engine", base=False)) if robot else text)
     n, m, rng, worst, size = len(law.motors), len(law.states), np.random.default_rng(4), 0.0, 0.0
     for k in range(200):
         mujoco.mj_resetData(model, data)
