@@ -17,6 +17,7 @@ from pycosim.study.parse import load_study
 
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason=f"the measured data are not in {DATA}")
 ASYMMETRY = {"direction_asymmetry", "torque_offset"}
+OF_THE_LOAD = {"load_dependence", "load_nonlinearity"}  # the second refines the first
 
 
 def added(result):
@@ -46,7 +47,7 @@ def test_drive_2_is_asymmetric_and_has_no_stribeck_effect():
 def test_the_servo_lacks_load_dependent_friction_whatever_trajectory_is_held_out(index):
     value, study = list(servo_splits("trajectory"))[index]
     result = ladder(study)
-    assert added(result)[0] == "load_dependence", value
+    assert added(result)[0] in OF_THE_LOAD, value
     errors = held_out(result, "voltage")
     assert errors[-1] <= 0.7 * errors[0], value
 
