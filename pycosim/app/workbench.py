@@ -299,7 +299,7 @@ class Workbench:
         depends = []
         for name, x in known.items():
             if np.ptp(x[inside]) > 0:
-                share = values._share(x[inside], part, all_of_it) / len(part)
+                share = values.explained_share(x[inside], part, all_of_it) / len(part)
                 depends.append((name, max(0.0, 1 - (1 - share) * (n - 1) / (n - values.BINS))))
         depends.sort(key=lambda d: -d[1])
         return {"samples": n, "energy": float((part ** 2).sum() / (residual ** 2).sum()), "depends": depends}

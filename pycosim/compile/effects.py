@@ -166,8 +166,25 @@ def snake(name):
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
-def _members(library, name):
-    """Components of a class and its bases: name to (resolved class or builtin, prefixes)."""
+def components_of(library, name):
+    """Components of a class and its bases.
+
+    Parameters
+    ----------
+    library : Library
+    name : str
+        Of the class.
+
+    Returns
+    -------
+    dict of str to (str, tuple of str)
+        By name: class or builtin type, and prefixes such as ``flow`` or ``parameter``.
+
+    Raises
+    ------
+    StudyError
+        The class is unknown.
+    """
     return library.memo(("members", name), lambda: _members_of(library, name))
 
 
@@ -243,7 +260,7 @@ def _ports(library):
     for name in library.walk():
         if not re.fullmatch(r"DriveTrain\.Interfaces\.\w+Probe", name):
             continue
-        members = _members(library, name)
+        members = components_of(library, name)
         connector, kind = next((n, k) for n, (k, _) in members.items() if is_connector(library, k))
         yield connector, Port(name, potentials(library, kind),
                               tuple(n for n, (_, prefixes) in members.items() if "parameter" in prefixes))
@@ -262,7 +279,7 @@ def potentials(library, connector):
     -------
     tuple of str
     """
-    return tuple(n for n, (_, prefixes) in _members(library, connector).items() if "flow" not in prefixes)
+    return tuple(n for n, (_, prefixes) in components_of(library, connector).items() if "flow" not in prefixes)
 
 
 def catalogue(library):
@@ -286,7 +303,7 @@ def _effects(library):
             continue
         if not is_effect(library, name):
             continue
-        members = _members(library, name)
+        members = components_of(library, name)
         notes = annotation(library, name)
         scan, means = (dict(item.split(":") for item in notes.get(key, "").replace(" ", "").split(";") if item)
                        for key in ("scan", "means"))
@@ -341,7 +358,7 @@ def places(library, rig, effect):
     -------
     list of Place
     """
-    members = _members(library, rig)
+    members = components_of(library, rig)
     if any(n not in members for n in effect.inputs if n not in effect.measured) or not effect.ports:
         return []
     notes = annotation(library, rig)
@@ -366,7 +383,7 @@ def _single(library, members, notes, effect):
     for component, (kind, _) in members.items():
         if kind in ("Real", "Integer", "Boolean", "String") or is_connector(library, kind):
             continue
-        have = _members(library, kind)
+        have = components_of(library, kind)
         if is_effect(library, kind):  # part of the base model
             continue
         if all(have.get(c, ("",))[0] == t for c, t in effect.ports.items()):

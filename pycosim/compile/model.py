@@ -12,11 +12,11 @@ from ..core import cache
 from ..core.errors import ModelicaError, StudyError, UnknownNameError, closest
 from ..core.units import Variable
 from .effects import (
-    _members,
     annotation,
     catalogue,
     component_name,
     component_names,
+    components_of,
     extend,
     find_place,
     is_connector,
@@ -227,7 +227,7 @@ class Model:
             self.attached.append((effects[effect], find_place(library, rig, effects[effect], place)))
         self.notes = annotation(library, rig)
         self._questions = {}
-        self.text = extend(rig, self.attached, given=_members(library, rig))
+        self.text = extend(rig, self.attached, given=components_of(library, rig))
         if probes:
             self.text = _with_probes(self)
 
@@ -329,10 +329,10 @@ class Model:
         list of str
         """
         found = []
-        for component, (kind, _) in _members(self.library, self.rig).items():
+        for component, (kind, _) in components_of(self.library, self.rig).items():
             if (kind not in ("Real", "Integer", "Boolean") and not is_connector(self.library, kind)
                     and not is_effect(self.library, kind)):
-                if connector in _members(self.library, kind):
+                if connector in components_of(self.library, kind):
                     found.append(component)
         return found
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from .errors import UnknownNameError, closest
 
 # unit: (dimension, factor to SI). Facts of the SI brochure; degC is kept as it is, since only differences enter.
-_UNITS = {
+UNITS = {
     "1": ("1", 1.0), "-": ("1", 1.0), "%": ("1", 0.01),
     "s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9), "min": ("s", 60.0),
     "rad": ("rad", 1.0), "deg": ("rad", math.pi / 180), "rev": ("rad", 2 * math.pi), "mrad": ("rad", 1e-3),
@@ -19,8 +19,8 @@ _UNITS = {
     "V": ("V", 1.0), "mV": ("V", 1e-3), "A": ("A", 1.0), "mA": ("A", 1e-3), "degC": ("degC", 1.0), "K": ("K", 1.0),
     "kg": ("kg", 1.0), "g": ("kg", 1e-3), "kg.m2": ("kg.m2", 1.0), "W": ("W", 1.0), "Ohm": ("Ohm", 1.0),
 }
-_SPELLINGS = {"Nm": "N.m", "N*m": "N.m", "N m": "N.m", "mNm": "mN.m", "°": "deg", "degrees": "deg", "radians": "rad",
-              "°C": "degC", "C": "degC", "sec": "s", "r/min": "rpm", "1/min": "rpm", "": "1", "rad/s^2": "rad/s2"}
+SPELLINGS = {"Nm": "N.m", "N*m": "N.m", "N m": "N.m", "mNm": "mN.m", "°": "deg", "degrees": "deg", "radians": "rad",
+             "°C": "degC", "C": "degC", "sec": "s", "r/min": "rpm", "1/min": "rpm", "": "1", "rad/s^2": "rad/s2"}
 
 
 def to_si(unit, expected, where):
@@ -44,12 +44,12 @@ def to_si(unit, expected, where):
     UnknownNameError
         The unit is unknown, or of another dimension.
     """
-    name = _SPELLINGS.get(unit, unit)
-    if name not in _UNITS:
-        raise UnknownNameError(f"{where}: unknown unit '{unit}'{closest(unit, _UNITS)}")
-    dimension, factor = _UNITS[name]
+    name = SPELLINGS.get(unit, unit)
+    if name not in UNITS:
+        raise UnknownNameError(f"{where}: unknown unit '{unit}'{closest(unit, UNITS)}")
+    dimension, factor = UNITS[name]
     if dimension != expected:
-        fitting = [u for u, (d, _) in _UNITS.items() if d == expected]
+        fitting = [u for u, (d, _) in UNITS.items() if d == expected]
         raise UnknownNameError(f"{where}: unit '{unit}' does not fit a quantity in {expected}; "
                                f"use one of {', '.join(fitting) or expected}")
     return factor

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from ..core.errors import DataError, StudyError
 from ..data.logs import load, require
 from ..data.noise import Chain
-from ..fit.least_squares import _result
+from ..fit.least_squares import result
 from .foreign import ForeignFmu, check_names
 
 _ROUNDS = 2  # fits with weights of the residual that the last one left
@@ -193,4 +193,4 @@ class _Calibrator:
         for w, s, r in zip(weights, slope, residual):
             rows = np.vstack([s, r]) * w
             gram += rows @ rows.T
-        return _result(problem, slope, residual, gram, x, self.free, self.variables, weights, None)
+        return result(problem, slope, residual, gram, x, self.free, self.variables, weights, None)

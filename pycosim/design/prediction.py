@@ -109,7 +109,7 @@ def predicted_fit(dataset, model, free, values, noise, part="fit", seed=0):
     rng, covariances = np.random.default_rng(seed), []
     for _ in range(DRAWS):
         drawn = _fitted(drawn_noise(dataset, noise, part, rng), slope, gram[:-1, :-1], weights)
-        fit = least_squares._result(problem, slope, drawn, gram, x, free, variables, weights, None)
+        fit = least_squares.result(problem, slope, drawn, gram, x, free, variables, weights, None)
         covariances.append(fit.covariance)
     fit.covariance = np.mean(covariances, axis=0)
     spread = np.mean([np.sqrt(np.diag(c)) for c in covariances], axis=0)  # of intervals, not of their squares

@@ -89,9 +89,9 @@ class System:
         x0, base, mean, c = ca.SX.sym("x0", n), ca.SX.sym("base", n), ca.SX.sym("mean", n), ca.SX.sym("c", 3)
         x = self._place(x0, base, mean, c)
         residual = ca.substitute(self.residual, self.x, x)
-        slope, given = ca.densify(_jacobian(residual, y)), ca.SX.sym("slope", y.numel(), y.numel())
+        slope, given = ca.densify(jacobian(residual, y)), ca.SX.sym("slope", y.numel(), y.numel())
         (u, p, t), newton, chord = self.known, _corrected(y, slope, residual), _corrected(y, given, residual)
-        found, symbols, values = _prepare([*newton, slope, *chord, x], p)
+        found, symbols, values = split_parameters([*newton, slope, *chord, x], p)
         symbols, values = ca.vertcat(p, symbols), ca.vertcat(p, values)
         arguments = [x0, base, mean, c, u, symbols, t]
         found[3] = ca.reshape(found[3], *slope.shape)
@@ -127,8 +127,19 @@ def _corrected(y, slope, residual):
     return [y - change, ca.norm_inf(change / (1 + ca.fabs(y))), ca.sumsqr(residual)]
 
 
-def _jacobian(expression, y):
-    """Jacobian with a choice, not CasADi's quotient of comparisons, where an expression bends."""
+def jacobian(expression, y):
+    """Jacobian with a choice, not CasADi's quotient of comparisons, where an expression bends.
+
+    Parameters
+    ----------
+    expression : casadi.SX, shape (m, 1)
+    y : casadi.SX, shape (n, 1)
+        Symbols.
+
+    Returns
+    -------
+    casadi.SX, shape (m, n)
+    """
     cuts = []
 
     def cut(op, *used):
@@ -162,8 +173,22 @@ def _tangent(y, expression, cuts):
     return through(expression)
 
 
-def _prepare(expressions, p):
-    """Split what depends on the parameters alone from expressions: the rest of these, its symbols, their values."""
+def split_parameters(expressions, p):
+    """Split what depends on the parameters alone from expressions, so that a step need not work it out again.
+
+    Parameters
+    ----------
+    expressions : list of casadi.SX
+    p : casadi.SX, shape (n, 1)
+        Parameters.
+
+    Returns
+    -------
+    rest : list of casadi.SX
+        The expressions over the symbols.
+    symbols, values : casadi.SX, shape (k, 1)
+        What was split off.
+    """
     joined = ca.vertcat(*[ca.vec(ca.densify(e)) for e in expressions])
     joined, symbols, values = ca.extract_parametric(ca.cse(joined), p, {})
     inverse, divisors = {}, [*symbols, *ca.vertsplit(p)]

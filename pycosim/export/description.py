@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 
 from ..compile import solve
-from ..compile.effects import _members, component_name, is_effect
+from ..compile.effects import component_name, components_of, is_effect
 from ..core.errors import StudyError
 from ..core.units import Variable
 from ..dynamics.simulate import dynamics
@@ -325,7 +325,7 @@ class _Builder:
     def _tunable_components(self):
         """Components of friction and effects; the others are the structure of the machine."""
         library = self.model.library
-        base = [c for c, (kind, _) in _members(library, self.study.rig).items()
+        base = [c for c, (kind, _) in components_of(library, self.study.rig).items()
                 if kind not in ("Real", "Integer", "Boolean", "String") and is_effect(library, kind)]
         return [*self.model.segments, *base, *(component_name(e, p) for e, p in self.model.attached)]
 

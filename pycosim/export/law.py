@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ..compile.effects import _members, component_names, is_effect
+from ..compile.effects import component_names, components_of, is_effect
 from ..compile.solve import der
 from ..core.errors import StudyError
 from ..dynamics.states import advance
-from ..dynamics.stepping import _jacobian, _prepare
+from ..dynamics.stepping import jacobian, split_parameters
 from .links import Links, evaluate
 
 
@@ -118,7 +118,7 @@ def tunable(model):
     -------
     list of str
     """
-    base = {c for c, (kind, _) in _members(model.library, model.rig).items()
+    base = {c for c, (kind, _) in components_of(model.library, model.rig).items()
             if kind not in ("Real", "Integer", "Boolean", "String") and is_effect(model.library, kind)}
     own = base | set(model.segments) | {c for e, p in model.attached for c in component_names(e, p)}
     return [n for n in model.parameters if n.rpartition(".")[0] in own]
@@ -187,7 +187,7 @@ class _Builder:
         moved = {"phi": phi0 + self.h * v, "w": v, "a": (v - w0) / self.h, "mean": v}
         ended = ca.substitute([tau], [getattr(self, k) for k in moved], list(moved.values()))[0]
         ended = ca.substitute(ended, self.t, self.t + self.h)
-        (tau, after, ended, slope), symbols, values = _prepare([tau, after, ended, _jacobian(ended, v)], self.p)
+        (tau, after, ended, slope), symbols, values = split_parameters([tau, after, ended, jacobian(ended, v)], self.p)
         prepared = ca.vertcat(self.p, symbols)
         given = [self.phi, self.w, self.a, self.mean, self.x, self.u, self.t, self.h, prepared]
         variables = {m: q.variables.get(m) or self.model.variables[m] for m in (*drives, *q.states, *own)}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ..compile.effects import _members, annotation, component_names
+from ..compile.effects import annotation, component_names, components_of
 from ..core.errors import ModelicaError
 
 _KEYS = {"mass", "moment", "inertia", "length"}
@@ -80,7 +80,7 @@ class Links:
             By component; only those that have it.
         """
         library, model = self.model.library, self.model
-        kinds = {c: kind for c, (kind, _) in _members(library, model.rig).items() if "." in kind}
+        kinds = {c: kind for c, (kind, _) in components_of(library, model.rig).items() if "." in kind}
         kinds.update({c: e.model for e, p in model.attached for c in component_names(e, p)})
         found = {c: annotation(library, kind) for c, kind in kinds.items()}
         return {c: notes[key] for c, notes in found.items() if key in notes}

@@ -230,7 +230,7 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
     else:
         slope, residual = moments.slope_and_residual(x)
         gram = moments.gram(x, weights, True)
-    return _result(problem, slope, residual, gram, x, free, variables, weights, noise, robust)
+    return result(problem, slope, residual, gram, x, free, variables, weights, noise, robust)
 
 
 def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial):
@@ -378,8 +378,39 @@ def bounded(a, b, low, high):
     return float(2 * b @ x - x @ a @ x), x
 
 
-def _result(problem, slope, residual, gram, x, free, variables, weights, noise, robust=False):
-    """Covariance, null directions and noise at the solution."""
+def result(problem, slope, residual, gram, x, free, variables, weights, noise, robust=False):
+    """Covariance, null directions and noise at a solution.
+
+    With k free parameters, c channels and n samples.
+
+    Parameters
+    ----------
+    problem : object
+        With ``chain`` (Chain), ``parameters`` (all of them, by name) and ``names`` (of the channels).
+    slope : ndarray, shape (c, k, n)
+        Of the residual by the free parameters.
+    residual : ndarray, shape (c, n)
+    gram : ndarray, shape (k + 1, k + 1)
+        Weighted products of the slopes, and with the residual.
+    x : ndarray, shape (k,)
+        The solution.
+    free : list of str
+    variables : dict of str to Variable
+    weights : ndarray, shape (c,)
+    noise : list of Noise or None
+        None: to be fitted to the residual.
+    robust : bool
+        Whether large residuals counted less.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    NoAnswerError
+        The model has no finite answer there.
+    """
     if not np.isfinite(gram).all():
         raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a "
                             "better start")

@@ -19,9 +19,9 @@ from ..diagnosis.compare import branches, unit_of, worded
 from ..diagnosis.dependence import explanations, noise_floor
 from .values import (
     _quiet,
-    _share,
     binned,
     envelope,
+    explained_share,
     half_energy,
     ideal,
     interval_rows,
@@ -528,7 +528,7 @@ def _direction(dataset, residual, known):
     speeds = [n for n in known if n.startswith("speed@")]
     if not speeds:
         return np.ones(residual.shape[1], bool), ""
-    best = max(speeds, key=lambda n: _share(known[n], residual, np.ones(residual.shape[1], bool)))
+    best = max(speeds, key=lambda n: explained_share(known[n], residual, np.ones(residual.shape[1], bool)))
     return known[best] > 0, best.partition("@")[2]
 
 
@@ -538,7 +538,7 @@ def _strongest(dataset, residual, known, forward):
     kinds = [[n for n in known if n.startswith("speed@")], [n for n in known if n.startswith("load@")],
              [n for n in known if n in angles], ["time_since_reversal"], ["time"], ["temperature"]]
     kinds = [[n for n in kind if n in known] for kind in kinds]
-    shown = [max(kind, key=lambda n: _share(known[n], residual, forward)) for kind in kinds if kind]
+    shown = [max(kind, key=lambda n: explained_share(known[n], residual, forward)) for kind in kinds if kind]
     return shown[:5] or list(known)[:1]
 
 

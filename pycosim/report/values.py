@@ -198,8 +198,21 @@ def passes(dataset):
     return found
 
 
-def _share(values, residual, forward):
-    """Share of the residual's energy that bins of a variable explain, apart for two directions."""
+def explained_share(values, residual, forward):
+    """Share of the residual's energy that bins of a variable explain, apart for two directions.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Of the variable.
+    residual : ndarray, shape (channels, n)
+    forward : ndarray of bool, shape (n,)
+
+    Returns
+    -------
+    float
+        From 0 to the number of channels.
+    """
     explained = 0.0
     for where in (forward, ~forward):
         if where.sum() > 2 * BINS:
@@ -300,7 +313,7 @@ def _depends(known, missing, residual):
     def share(values):
         bins, _ = _bins(values, 2 * BINS)
         if missing is None:
-            return _share(values, residual, np.ones(len(values), bool))
+            return explained_share(values, residual, np.ones(len(values), bool))
         top, size = (np.bincount(bins, missing[k], 2 * BINS) for k in ("effect", "drive"))
         return np.sum(top ** 2 / np.maximum(size, 1e-300))
     return max((n for n in known if not n.startswith("acceleration@")), key=lambda n: share(known[n]))

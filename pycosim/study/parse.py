@@ -374,7 +374,7 @@ def _column(source, given, where, name):
         if value is None:
             raise source.error(where, f'no {key}; write {{ variable = "motor1.tau", unit = "N.m" }}', name)
     if known_unit(unit) is None:
-        raise source.error(where, f"unknown unit '{unit}'{closest(unit, units._UNITS)}", name)
+        raise source.error(where, f"unknown unit '{unit}'{closest(unit, units.UNITS)}", name)
     k_m = source.take(given, "k_m", float, where, None, name)
     if k_m is not None and known_unit(unit)[0] != "A":
         raise source.error(where, f"k_m goes with a current, but the unit is '{unit}'; use A or mA, or remove k_m",

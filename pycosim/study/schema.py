@@ -391,7 +391,7 @@ def known_unit(unit):
     (str, float) or None
         None where the unit is unknown.
     """
-    return units._UNITS.get(units._SPELLINGS.get(unit, unit))
+    return units.UNITS.get(units.SPELLINGS.get(unit, unit))
 
 
 def refuse_twice(paths, where):

@@ -52,6 +52,20 @@ def test_rooms_know_only_those_below_them():
     assert not done.returncode, done.stdout
 
 
+def borrowed(path):
+    """Private names that a file takes from modules of other rooms, imported or as an attribute."""
+    tree, depth = ast.parse(path.read_text(encoding="utf-8")), len(path.relative_to(PACKAGE).parts)
+    taken = {a.asname or a.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level == depth
+             for a in node.names}
+    used = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name) and node.value.id in taken}
+    return {n for n in taken | used if n.startswith("_") and not n.startswith("__")}
+
+
+def test_no_private_name_is_used_in_another_room():
+    assert not {str(p.relative_to(PACKAGE)): names for p in PACKAGE.rglob("*.py") if (names := borrowed(p))}
+
+
 @pytest.mark.parametrize("package", ONLY)
 def test_some_packages_have_one_door(package):
     _, outer = imports()

@@ -255,7 +255,7 @@ def unit_changes(columns, group, ratios, steps):
                 continue
             if column.k_m is None:
                 dimension, factor = known_unit(column.unit)
-                found += [in_unit(columns, chosen, unit, units._UNITS[unit][1] / factor)
+                found += [in_unit(columns, chosen, unit, units.UNITS[unit][1] / factor)
                           for unit in _ALSO.get(dimension, ()) if unit != column.unit]
             if column.dimension in ("rad", "rad/s"):
                 found += _geared(columns, chosen, ratios)
@@ -273,7 +273,7 @@ def _both_units(columns, group):
         if any(c is None or c.unit not in ("rad", "rad/s") for c in columns_of):
             continue
         for angle in ("deg", "rev"):
-            factor = units._UNITS[angle][1]
+            factor = units.UNITS[angle][1]
             edits = [("scale", v, factor, unit) for pair in chosen for v, unit in zip(pair, (angle, f"{angle}/s"))]
             names = listed(columns.of(v) for pair in chosen for v in pair)
             found.append(Change("unit", {e[1]: Source(e[1], factor) for e in edits}, edits,
