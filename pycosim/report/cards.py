@@ -68,7 +68,7 @@ def sentence(library, finding, error):
     gone = fall(error, finding.predicted_error)
     best = max(gone, key=gone.get, default=None)
     text = f"At {finding.place}: {what}. "
-    text += (f"Chance alone would find something as large in {_chance(finding.p_value)} among all the effects and "
+    text += (f"Chance alone would find something as large in {chance(finding.p_value)} among all the effects and "
              "places tested. ")
     if best is not None and gone[best] > 0:
         text += f"Adding it should take {100 * gone[best]:.0f} % off the error of {best}. "
@@ -83,8 +83,18 @@ def sentence(library, finding, error):
     return text.strip()
 
 
-def _chance(p):
-    """A probability in words of one in so many; the smallest that the draws can tell is a bound."""
+def chance(p):
+    """A probability in words of one in so many; the smallest that the draws can tell is a bound.
+
+    Parameters
+    ----------
+    p : float
+
+    Returns
+    -------
+    str
+        As ``one log of 250``.
+    """
     if p > 0.995:
         return "nearly every log"
     if p > 0.5:

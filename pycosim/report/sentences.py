@@ -77,7 +77,18 @@ def coefficient_text(name, c):
     return text + (f" (95 %: {number(low)} to {number(high)})" if low is not None and high is not None else "")
 
 
-def _joined(names):
+def joined(names):
+    """Names as a sentence lists them.
+
+    Parameters
+    ----------
+    names : iterable of str
+
+    Returns
+    -------
+    str
+        As ``a, b and c``.
+    """
     names = list(names)
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
@@ -132,7 +143,7 @@ def summary_doubt(dataset, fit):
              for c in dataset.channels if c in dataset.measured}
     if not share or np.mean(np.square(list(share.values()))) < 1.0:
         return []
-    return [f"Doubtful: the fitted model misses {_joined(share)} by more than a constant would; check units, signs, "
+    return [f"Doubtful: the fitted model misses {joined(share)} by more than a constant would; check units, signs, "
             "zeros and the order of the columns before believing what follows."]
 
 
@@ -246,7 +257,7 @@ def summary_diagnosis(result, library=None, final=False):
     """
     lines = {"missing_effect": _missing, "unexplained": _unexplained, "nothing_missing": _nothing,
              "not_enough_excitation": _too_little}[result["verdict"]](result, library, final)
-    lines += _by_channel(result) + _smallest(result["smallest_detectable"])
+    lines += _by_channel(result) + smallest_text(result["smallest_detectable"])
     return lines + summary_undetectable(result["undetectable"])
 
 
@@ -257,12 +268,24 @@ def _by_channel(result):
         verdicts.setdefault(told["verdict"], []).append(name)
     if len(verdicts) < 2:
         return []
-    return ["By channel: " + "; ".join(f"{v.replace('_', ' ')} in {_joined(names)}" for v, names in verdicts.items())
+    return ["By channel: " + "; ".join(f"{v.replace('_', ' ')} in {joined(names)}" for v, names in verdicts.items())
             + "."]
 
 
-def _smallest(entries, most=4):
-    """The effects that could hide best in this log: the largest sizes that it would not show."""
+def smallest_text(entries, most=4):
+    """The effects that could hide best in this log: the largest sizes that it would not show.
+
+    Parameters
+    ----------
+    entries : list of dict
+        ``smallest_detectable`` of ``diagnosis.json``.
+    most : int
+
+    Returns
+    -------
+    list of str
+        One line, or none.
+    """
     worst = {}
     for e in sorted(entries, key=lambda e: -(e["error_share"] or 0)):
         worst.setdefault(e["effect"], e)
@@ -301,7 +324,7 @@ def alternatives_text(best, library):
     """
     if not best["twins"]:
         return []
-    line = f"These data cannot tell it from {_joined(_names(best['twins']))}"
+    line = f"These data cannot tell it from {joined(_names(best['twins']))}"
     if library is not None:
         experiment = annotation(library, find_effect(library, best["effect"]).model).get("experiment")
         line += f"; to tell them apart, {experiment}" if experiment else ""
@@ -316,7 +339,7 @@ def _unexplained(result, library, final):
     depends = [f"{d['variable']} ({number(d['strength'])})" for d in result["residual_depends_on"][:3]
                if d["strength"] > 0]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
-    line += f"; what is left depends most on {_joined(depends)}." if depends else "."
+    line += f"; what is left depends most on {joined(depends)}." if depends else "."
     line += _refusals(result["candidates"])
     mystery = result["unexplained"]
     if mystery and mystery["proposal"]:
@@ -336,7 +359,7 @@ def _refusals(candidates):
     reasons = {}
     for c in [c for c in candidates if c["p_value"] < LEVEL and c.get("refused")][:3]:
         reasons.setdefault(c["refused"], []).append(c)
-    return found + "".join(f" Significant, but {why}: {_joined(_names(some))}." for why, some in reasons.items())
+    return found + "".join(f" Significant, but {why}: {joined(_names(some))}." for why, some in reasons.items())
 
 
 def _at_floor(result):

@@ -298,14 +298,38 @@ def _missing_torque(dataset, before, after, key):
     full, _ = residual_of(dataset, *before, others, "fit", ENOUGH)
     left, *_ = sampled(dataset, model, fit, "fit")
     parameters = {**{n: v.value for n, v in probes.parameters.items()}, **fit.parameters}
-    problem = dataset.residuals(probes, names[:1], parameters, "fit", dataset.exogenous())
+    kind = [n for n in names if n.rpartition(".")[2] == names[0].rpartition(".")[2]]
+    problem = dataset.residuals(probes, kind, parameters, "fit", dataset.exogenous())
     problem = problem.thin(max(1, problem.n // ENOUGH))
-    drive = np.concatenate([j[:, 0] for _, _, j in problem.blocks([0.0])], axis=1)
+    drive = np.concatenate([j.sum(axis=1) for _, _, j in problem.blocks([0.0] * len(kind))], axis=1)
     w = fit.weights[:, None] ** 2
     return {"without": (w * drive * full).sum(0), "with": (w * drive * left).sum(0),
             "effect": (w * drive * (full - left)).sum(0), "drive": (w * drive ** 2).sum(0), "probe": names[0],
             "place": dict(dataset.base.segments).get(place.components[0], place.components[0]),
             "unit": probes.parameters[names[0]].unit}
+
+
+def torque_at(dataset, before, after, key):
+    """Torque of an effect at its place, sample by sample: what takes the residual without it to the one with it.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    before, after : (Model, Fit)
+    key : (str, str)
+        Effect and place.
+
+    Returns
+    -------
+    (ndarray, ndarray, str) or None
+        Torque and how clearly each sample shows it, shape (n,), and the torque's unit; None where the rig has no port
+        for a torque there.
+    """
+    missing = _missing_torque(dataset, before, after, key)
+    if missing is None:
+        return None
+    with _quiet():
+        return missing["effect"] / missing["drive"], missing["drive"], missing["unit"]
 
 
 def _depends(known, missing, residual):
@@ -317,8 +341,6 @@ def _depends(known, missing, residual):
         top, size = (np.bincount(bins, missing[k], 2 * BINS) for k in ("effect", "drive"))
         return np.sum(top ** 2 / np.maximum(size, 1e-300))
     return max((n for n in known if not n.startswith("acceleration@")), key=lambda n: share(known[n]))
-
-
 
 
 def clock(dataset):

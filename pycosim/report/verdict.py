@@ -1,0 +1,253 @@
+"""A search, its data set and the data check in; the card that stands first in a report, as words and numbers, out.
+
+Each fact is said once: what is missing and where, how large, how sure, what it brings, what else it could be, what it
+changes, what is left, and the one experiment that comes next.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..compile import Place, component_name, find_effect
+from ..diagnosis.scores import LEVEL
+from ..fit.nullspace import number
+from . import cards, consequence, findings, schematic, sentences
+
+SURE = ((1e-3, "As sure as this test can be"), (1e-2, "Very likely"), (0.05, "Likely"))  # largest p-value, in words
+MOST = 5  # experiments that are listed
+HIDING = 3  # effects that could still hide, in the card
+
+
+class Verdict:
+    """The answer of a search.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    found : Improvement
+    first, last : dict
+        ``diagnosis.json`` and ``diagnosis_final.json``.
+    parameters : dict
+        ``parameters.json``.
+    checked : Checked, optional
+        What the check of the data found.
+    """
+
+    def __init__(self, dataset, found, first, last, parameters, checked=None):
+        self.dataset, self.library, self.steps = dataset, dataset.library, found.steps
+        self.first, self.last, self.parameters, self.checked = first, last, parameters, checked
+        self.added = self.steps[1:]
+        self.tested = len(first["candidates"])
+
+    def card(self):
+        """Everything that the card says.
+
+        Returns
+        -------
+        dict
+            ``verdict``; ``title``; ``findings``, of the data check, as (sentence, mend); ``drawing`` (HTML, trusted);
+            ``rows``, pairs of a heading and its sentences.
+        """
+        told = [f for f in self.checked.findings if f.told] if self.checked is not None else []
+        rows = [("What is missing", self._what()), ("How large", self._large()), ("How sure", self._sure()),
+                ("Error before and after" if self.added else "Error", self._error()),
+                ("What else it could be", self._else()), ("What it changes", self._changes()),
+                ("What is left", self._left()), ("Next experiment", self.experiments()[:1])]
+        return {"verdict": self.first["verdict"], "title": self.title(),
+                "findings": [(findings.sentence(f), f.mend) for f in told],
+                "drawing": schematic.figure(self.steps[0].model, highlight=self._marks()),
+                "rows": [(name, lines) for name, lines in rows if lines]}
+
+    def title(self):
+        """The answer in a line.
+
+        Returns
+        -------
+        str
+        """
+        if self.added:
+            names = sentences.joined([_named(*s.added) for s in self.added])
+            return f"The model lacks {names}"
+        return {"nothing_missing": "Nothing is missing that these data could show",
+                "unexplained": "Something is missing that no effect of the library explains",
+                "not_enough_excitation": "These data move too little, or too much alike, to tell",
+                "missing_effect": "An effect is missing"}[self.first["verdict"]]
+
+    def _marks(self):
+        marks = {}
+        for step in self.added:
+            effect, place = step.added
+            for name in [place] if place in self.dataset.base.aliases("channels") else place.split("+"):
+                marks[name] = " + ".join(filter(None, [marks.get(name), effect.replace("_", " ")]))
+        return marks
+
+    # ---- rows
+
+    def _what(self):
+        lines = []
+        for step in self.added:
+            effect, place = step.added
+            base = component_name(find_effect(self.library, effect), Place(place, ()))
+            numbers = [sentences.coefficient_text(n[len(base) + 1:], p)
+                       for n, p in self.parameters["parameters"].items() if n.startswith(f"{base}.")]
+            text = f"At {place}: {consequence.words_of_effect(self.library, effect)}"
+            lines.append(f"{text}; {', '.join(numbers)}." if numbers else f"{text}.")
+        if not self.added and self.first["verdict"] == "unexplained":
+            depends = [d for d in self.first["residual_depends_on"] if d["strength"] > 0][:2]
+            if depends:
+                names = [f"{sentences.worded(d['variable'])} ({100 * d['strength']:.0f} % of its energy)" for d in depends]
+                lines.append(f"What is left depends most on {sentences.joined(names)}.")
+            left = self.first.get("unexplained")
+            lines += [left["proposal"]["text"]] if left and left.get("proposal") else []
+        return lines
+
+    def _large(self):
+        lines = []
+        for before, step in zip(self.steps, self.added):
+            found = consequence.size(self.dataset, (before.model, before.fit), (step.model, step.fit), step.added)
+            lines.append(f"{_size(found)}." if len(self.added) == 1 else f"{_named(*step.added)}: {_size(found)}.")
+        return lines
+
+    def _sure(self):
+        lines = []
+        for step in self.added:
+            if step.finding is not None:
+                text = f"{_certainty(step.finding.p_value)}, among all {self.tested} effects and places tested"
+                lines.append(f"{text}." if len(self.added) == 1 else f"{_named(*step.added)}: {text}.")
+        best = min(self.first["candidates"], key=lambda c: c["p_value"], default=None)
+        if not self.added and best and self.first["verdict"] == "nothing_missing":
+            lines.append(f"Of {self.tested} effects and places tested the likeliest is "
+                         f"{_named(best['effect'], best['place'])}; chance alone would find something as large in "
+                         f"{cards.chance(best['p_value'])} (p = {number(best['p_value'])}), and it counts from "
+                         f"p = {LEVEL:g} on.")
+        return lines
+
+    def _error(self):
+        first, last = self.steps[0], self.steps[-1]
+        held = bool(first.held_out_error and last.held_out_error)
+        before, after = (s.held_out_error if held else s.error for s in (first, last))
+        where = "On passes held out of every fit and every choice" if held else \
+            "On the passes that were fitted (none could be held out)"
+        shares = [consequence.errors_of_rated(self.dataset, e) for e in (before, after)]
+        parts = [self._channel(c, before, after, shares) for c in before if c in after]
+        floor = {c: v for c, v in self.last["noise_floor"].items() if v is not None}
+        lines = [f"{where}, RMS: {'; '.join(parts)}."]
+        return lines + ([f"No model of this kind gets below the noise of the measurement, "
+                         f"{sentences.errors_text(floor, self.dataset.units)}."] if floor else [])
+
+    def _channel(self, c, before, after, shares):
+        """One channel's error before and after, in its unit and of what is rated."""
+        unit = self.dataset.units[c]
+        text = f"{c} {number(before[c])}"
+        change = len(self.steps) > 1
+        text += f" → {number(after[c])}" if change else ""
+        text += f" {unit}" if unit not in ("1", "") else ""
+        text += f" ({100 * (after[c] / before[c] - 1):+.0f} %)".replace("-", "−") if change and before[c] else ""
+        if c in shares[0] and c in shares[1]:
+            ends = [f"{100 * s[c][0]:.2g}" for s in (shares if change else shares[:1])]
+            text += f", {' → '.join(ends)} % of {shares[0][c][1]}"
+        return text
+
+    def _else(self):
+        lines = []
+        for step in self.added:
+            twins = step.finding.twins if step.finding is not None else []
+            if twins:
+                names = sentences.joined([_named(t["effect"], t["place"]) for t in twins])
+                lines.append(f"These data cannot tell {_named(*step.added)} from {names}.")
+        if self.added and not lines:
+            lines.append("Nothing else in the library explains these data as well.")
+        return lines
+
+    def _changes(self):
+        first, last = self.steps[0], self.steps[-1]
+        if not self.added:
+            return []
+        found = consequence.feedforward(self.dataset, (first.model, first.fit), (last.model, last.fit))
+        lines = []
+        for name, f in found.items():
+            before, after = f["error"]
+            text = (f"A controller that feeds the model forward leaves {number(before)} → {number(after)} {f['unit']} "
+                    f"RMS of {name} to its feedback, and its tracking error shrinks as that does")
+            if f["rated"]:
+                text += f" ({100 * before / f['rated'][0]:.2g} → {100 * after / f['rated'][0]:.2g} % of {f['rated'][1]})"
+            heat = [f"{100 * abs(h):.2g} % too {'high' if h > 0 else 'low'}" for h in f["heat"]]
+            lines.append(f"{text}. The heat in the winding that it predicts for this motion was {heat[0]}, "
+                         f"and is {heat[1]}.")
+        return lines
+
+    def _left(self):
+        verdict, lines = self.last["verdict"], []
+        if self.added:
+            lines = {"nothing_missing": ["Nothing else is missing that these data could show."],
+                     "unexplained": sentences.summary_diagnosis({**self.last, "undetectable": []}, self.library,
+                                                                True)[:1],
+                     "not_enough_excitation": ["What else may be missing these data move too little to tell."],
+                     "missing_effect": ["More is missing than this search was allowed to add."]}[verdict]
+        if verdict == "nothing_missing":
+            lines += sentences.smallest_text(self.last["smallest_detectable"], HIDING)
+        return lines
+
+    # ---- what to measure
+
+    def experiments(self):
+        """What to measure next, the most telling first.
+
+        Returns
+        -------
+        list of str
+            Sentences, at most `MOST`.
+        """
+        found = []
+        for step in self.added:
+            twins = step.finding.twins if step.finding is not None else []
+            text = cards.experiment(self.library, step.finding) if twins else ""
+            if text:
+                names = sentences.joined([_named(t["effect"], t["place"]) for t in twins])
+                found.append(f"{_capital(text)}: that tells {_named(*step.added)} from {names}.")
+        if self.last["verdict"] == "unexplained":
+            depends = next((d["variable"] for d in self.last["residual_depends_on"] if d["strength"] > 0), None)
+            if depends:
+                found.append(f"Repeat the same passes at several values of {sentences.worded(depends)}, all else alike: "
+                             "what is left depends on it most, and its law shows then.")
+        if self.added:
+            found.append("Record the motion once more and run 'pycosim confirm' with the improved study: the log that "
+                         "chose an effect cannot confirm it.")
+        return (found + self._unseen())[:MOST]
+
+    def _unseen(self):
+        """Experiments that would show what these data cannot, the one that shows most effects first."""
+        groups = {}
+        for e in self.last["undetectable"]:
+            if e["experiment"]:
+                groups.setdefault(e["experiment"], {}).setdefault(e["effect"], []).append(e["place"])
+        ranked = sorted(groups.items(), key=lambda g: -len(g[1]))
+        return [f"{_capital(text)}: that shows "
+                f"{sentences.joined([e.replace('_', ' ') for e in effects])}, invisible so far."
+                for text, effects in ranked]
+
+
+def _named(effect, place):
+    return f"{effect.replace('_', ' ')} at {place}"
+
+
+def _capital(text):
+    return text[:1].upper() + text[1:]
+
+
+def _certainty(p):
+    """A family-wise p-value in words and as a number."""
+    words = next((w for most, w in SURE if p <= most), "Doubtful")
+    bound = "p ≤ 0.001" if p <= SURE[0][0] else f"p = {number(p)}"
+    return f"{words}: chance alone would find something as large in {cards.chance(p)} ({bound})"
+
+
+def _size(found):
+    """How large an effect is, in words."""
+    unit = "" if found["unit"] in ("1", "") else f" {found['unit']}"
+    text = f"Up to {number(found['value'])}{unit} at {found['where']}"
+    if found["share"] is not None and math.isfinite(found["share"]):
+        return f"{text}, {100 * found['share']:.2g} % of {found['of']} ({number(found['rated'])}{unit})"
+    if found.get("channel"):
+        return f"{text}; {_size(found['channel'])[0].lower()}{_size(found['channel'])[1:]}"
+    return text
