@@ -23,8 +23,9 @@ THEMES = {
 }
 LOOKS = ({"color": "@before", "dash": "dot", "width": 1.4}, {"color": "@after", "dash": "solid", "width": 1.4})
 NAMES = "base model", "improved model"
-BUCKETS = 30000  # in which a long signal keeps its smallest and its largest value
+BUCKETS = 10000  # in which a long signal keeps its smallest and its largest value
 SHOWN = 2000  # of these, drawn at once
+DIGITS = 7  # of a number in a list
 ROOM = 40  # names of passes that fit side by side
 
 
@@ -43,6 +44,10 @@ class Chart:
     layout : dict
     choice : str
         Its name among those of the same title, of which one is shown at a time.
+    over : tuple of str
+        Variables that it is drawn over, as ``speed@2A``.
+    channel : str
+        What it shows.
     """
 
     id: str
@@ -51,6 +56,8 @@ class Chart:
     traces: list
     layout: dict = field(default_factory=dict)
     choice: str = ""
+    over: tuple = ()
+    channel: str = ""
 
     def columns(self):
         """What is drawn, as columns.
@@ -128,8 +135,36 @@ def encoded(value):
     if isinstance(value, (list, tuple)):
         return [encoded(v) for v in value]
     if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
+        return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
     return int(value) if isinstance(value, np.integer) else value
+
+
+def packed(signal, wide=False):
+    """A long signal in a few bytes a sample: whole steps of its range, which no screen can tell from the numbers.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (n,)
+        NaN where there is no value.
+    wide : bool
+        Steps of a 2^31st of the range, as differences from sample to sample (for time); else of a 65,000th.
+
+    Returns
+    -------
+    dict
+        ``steps`` (base64), ``wide``, ``low`` and ``step``: value = low + step * steps; the least integer is NaN.
+    """
+    known = signal[np.isfinite(signal)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    most = 2 ** 31 - 2 if wide else 2 ** 16 - 3
+    step = (high - low) / most or 1.0
+    whole = np.rint((np.nan_to_num(signal, nan=low) - low) / step).astype(np.int64)
+    if wide:
+        data = np.diff(whole, prepend=0).astype("<i4")
+    else:
+        data = np.where(np.isfinite(signal), whole - 2 ** 15 + 1, -2 ** 15).astype("<i2")
+        low += step * (2 ** 15 - 1)
+    return {"steps": base64.b64encode(data.tobytes()).decode(), "wide": wide, "low": low, "step": step}
 
 
 def axis(title, **more):
@@ -165,7 +200,8 @@ def label(dataset, name):
     if name == "cycle":
         return "angle within a cycle [rad]"
     unit = unit_of(dataset, name)
-    return f"{f'½ Δ{name[:-5]}' if name.endswith('_pair') else worded(name)} [{unit}]"
+    words = f"½ Δ{name[:-5]}" if name.endswith("_pair") else worded(name)
+    return words if unit in ("1", "") else f"{words} [{unit}]"
 
 
 def channel_name(channel):
@@ -226,7 +262,7 @@ def timeline(dataset, models, names=NAMES):
                f"samples; {kept}. Drag to zoom, double-click to see all. Marks on top: manoeuvres, passes held out of "
                "every fit, and the branch of each segment, thick where power flows to the joint (direct) and thin "
                "where it flows back (reverse).")
-    return Chart("timeline", "Model against measurement", caption, traces, layout)
+    return Chart("timeline", "Everything over time", caption, traces, layout)
 
 
 def zoomed(chart, window=None):
@@ -365,7 +401,7 @@ def groups(dataset, models, floor, names=NAMES):
             worst = max(found[0], key=lambda g: found[0][g][c])
             charts.append(Chart(f"{name}_{channel}".replace(" ", "_"), "Error by group",
                                 f"Error of {channel_name(channel)} by {name}; of the {names[0]} it is largest "
-                                f"for {worst}.", traces, layout, f"{channel} by {name}"))
+                                f"for {worst}.", traces, layout, f"{channel} by {name}", (name,), channel))
     return charts
 
 
@@ -406,7 +442,7 @@ def maps(dataset, models, names=NAMES):
 
 def _map(dataset, channel, c, plane, each, half, names):
     top = max(float(np.nanmax(m["rmse"][c])) for m in each)
-    traces, layout = [], {"height": 400, "annotations": []}
+    traces, layout = [], {"height": 400, "annotations": [], "meta": "pair" if len(each) == 2 else "one"}
     for k, m in enumerate(each):
         axes = "" if k == 0 else "2"
         centre = [(m[a][1:] + m[a][:-1]) / 2 for a in "xy"]
@@ -424,10 +460,11 @@ def _map(dataset, channel, c, plane, each, half, names):
         layout["annotations"].append({"text": names[k], "xref": "paper", "yref": "paper", "x": (low + high) / 2,
                                       "y": 1.0, "yanchor": "bottom", "showarrow": False, "font": {"color": "@ink"}})
     words = f"{worded(plane[0])} and {worded(plane[1])}"
-    caption = (f"Error of {channel_name(channel)} over {words}; numbers in the cells: share of the error's energy in "
-               f"percent. Half of that of the {names[0]} lies in {100 * half:.0f} % of the samples.")
+    caption = (f"Error of {channel_name(channel)} over {words}. Colour: its RMS in a cell. Number: the cell's share of "
+               f"the error's energy, in percent. Half of that of the {names[0]} lies in {100 * half:.0f} % of the "
+               "samples.")
     return Chart(f"map_{channel}_{'_'.join(plane)}".replace("@", "_"), "Where the error is", caption, traces, layout,
-                 f"{channel} over {words}")
+                 f"{channel} over {words}", tuple(plane), channel)
 
 
 def unexplained(dataset, left):
@@ -458,12 +495,12 @@ def unexplained(dataset, left):
     layout = {"height": 400, "xaxis": axis(label(dataset, found["x"]), showgrid=False),
               "yaxis": axis(label(dataset, found["y"]), showgrid=False)}
     words = f"{worded(found['x'])} and {worded(found['y'])}"
-    caption = (f"Mean of what is left of {channel_name(left['channel'])} over {words}; numbers in the cells: share of "
-               "its energy in percent, with the sign of the mean.")
+    caption = (f"Mean of what is left of {channel_name(left['channel'])} over {words}; number in a cell: its share "
+               "of the energy in percent, with the sign of the mean.")
     return Chart("unexplained", "What no effect explains", caption, [trace], layout)
 
 
-def profiles(dataset, models, names=NAMES):
+def profiles(dataset, models, names=NAMES, also=()):
     """Mean and spread of the residual over angles, time since reversal, temperature and time, of each model.
 
     Parameters
@@ -471,6 +508,8 @@ def profiles(dataset, models, names=NAMES):
     dataset : Dataset
     models : list of (Model, Fit)
     names : sequence of str
+    also : sequence of str
+        Further variables, as ``speed@2A``.
 
     Returns
     -------
@@ -482,7 +521,7 @@ def profiles(dataset, models, names=NAMES):
     variables = [column.get(k, k) for k in dataset.known if k.endswith("phi")]
     variables += ["time_since_reversal", "temperature", "time"]
     charts = []
-    for name in [n for n in variables if n in known]:
+    for name in [n for n in dict.fromkeys([*also, *variables]) if n in known]:
         for c, channel in enumerate(dataset.channels):
             traces = []
             for k, residual in enumerate(residuals):
@@ -495,7 +534,7 @@ def profiles(dataset, models, names=NAMES):
                                 f"{worded(name)}.", traces,
                                 {"xaxis": axis(label(dataset, name)),
                                  "yaxis": axis(f"error {label(dataset, channel)}")},
-                                f"{channel} over {worded(name)}"))
+                                f"{channel} over {worded(name)}", (name,), channel))
     return charts
 
 
@@ -518,14 +557,16 @@ def signature(dataset, before, after, key):
     """
     found = values.signature_values(dataset, before, after, key)
     missing, x = found["missing"], label(dataset, found["variable"])
-    title, name = f"{key[0]} at {key[1]}", f"signature_{key[0]}_{key[1]}"
+    title = f"What {key[0].replace('_', ' ')} at {key[1]} looks like"
+    name = f"signature_{key[0]}_{key[1]}"
     if missing is None:
         symbols = "circle-open", "square", "diamond-open", "cross"
         traces = [{"type": "scatter", "mode": "lines+markers", "x": centre, "y": rms, "name": f"{channel} {text}",
                    "line": LOOKS[k], "marker": {"symbol": symbols[2 * c % 4 + k]}}
                   for c, (channel, (centre, *pair)) in enumerate(found["rmse"].items())
                   for k, (rms, text) in enumerate(zip(pair, ("without the effect", "with it")))]
-        caption = f"Error against {worded(found['variable'])}, without {key[0]} at {key[1]} and with it."
+        caption = (f"Error against {worded(found['variable'])}, without {key[0].replace('_', ' ')} at {key[1]} and "
+                   "with it.")
         return Chart(name, title, caption, traces,
                      {"xaxis": axis(x), "yaxis": axis(f"RMSE [{_units(dataset)}]", rangemode="tozero")})
     centre = missing["centre"]
@@ -537,8 +578,8 @@ def signature(dataset, before, after, key):
               {"type": "scatter", "mode": "markers", "x": centre, "y": missing["with"], "name": "residual with it",
                "marker": {"symbol": "square", "color": "@after", "size": 5}}]
     caption = (f"{missing['kind'].capitalize()} that is missing at {missing['place']} against "
-               f"{worded(found['variable'])}, without {key[0]} and with it, all else as fitted with it; the line is "
-               "the fitted effect.")
+               f"{worded(found['variable'])}, without {key[0].replace('_', ' ')} and with it, all else as fitted with "
+               "it; the line is the fitted effect.")
     return Chart(name, title, caption, traces,
                  {"xaxis": axis(x), "yaxis": axis(f"missing {missing['kind']} of {missing['place']} "
                                                   f"[{missing['unit']}]")})
@@ -561,7 +602,7 @@ def ladder(dataset, steps, floor):
     -------
     Chart
     """
-    names = ["base"] + [f"+ {s.added[0]}<br>at {s.added[1]}" for s in steps[1:]]
+    names = ["base"] + [f"+ {s.added[0].replace('_', ' ')}<br>at {s.added[1]}" for s in steps[1:]]
     traces, layout = [], {"xaxis": axis("model", type="category"), "height": 380}
     colours, symbols = ("@before", "@after", "@third", "@ink"), ("circle", "square", "diamond", "triangle-up")
     for c, channel in enumerate(dataset.channels):
@@ -602,7 +643,7 @@ def intervals(parameters):
              "hovertemplate": "%{y}: %{text}<extra></extra>",
              "error_x": {"type": "data", "symmetric": False, "color": "@after",
                          "array": [b - v for b, v in zip(high, x)], "arrayminus": [v - a for a, v in zip(low, x)]}}
-    layout = {"height": 110 + 24 * len(rows), "xaxis": axis("value over the larger end of its 95 % interval [1]"),
+    layout = {"height": 110 + 24 * len(rows), "xaxis": axis("value over the larger end of its interval"),
               "yaxis": axis("", autorange="reversed", type="category"), "showlegend": False}
     return Chart("intervals", "Parameters and their intervals",
                  "Each parameter with its 95 % interval, over the larger end of the interval; a cross where it is at a "

@@ -79,10 +79,26 @@ def rated(dataset, name):
     limits = [abs(v) for v in dataset.study.limits.get(name, ()) if v is not None and np.isfinite(v)]
     if limits:
         return max(limits), f"what [limits] allow {name}"
-    column = next((c for c, k in dataset.study.columns.items() if k.variable == name), name)
+    column = logged(dataset, name)
     recorded = dataset.measured.get(name)
     top = float(np.max(np.abs(recorded))) if recorded is not None and len(recorded) else 0.0
     return (top, f"the largest {column} in the log") if top > 0 else None
+
+
+def logged(dataset, variable):
+    """Name that the log has for a variable.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    variable : str
+
+    Returns
+    -------
+    str
+        The variable itself where no column is mapped to it.
+    """
+    return next((c for c, k in dataset.study.columns.items() if k.variable == variable), variable)
 
 
 def _in_channel(dataset, before, after, channel):

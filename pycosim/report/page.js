@@ -7,9 +7,13 @@
   const theme = () => root.dataset.theme;
   root.dataset.theme = dark.matches ? "dark" : "light";
 
+  function bytes(text) {  // a plain loop: a call for each byte of the library takes half a second
+    const found = atob(text), raw = new Uint8Array(found.length);
+    for (let k = 0; k < found.length; k++) raw[k] = found.charCodeAt(k);
+    return raw.buffer;
+  }
   async function unpack(id) {
-    const raw = Uint8Array.from(atob(document.getElementById(id).textContent.trim()), c => c.charCodeAt(0));
-    return new Response(new Blob([raw]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+    return new Response(new Blob([bytes(document.getElementById(id).textContent.trim())]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
   }
   if (!("DecompressionStream" in window)) {
     failed.textContent = "The charts need a browser of 2023 or later; words and tables do not.";
@@ -24,9 +28,19 @@
   const KINDS = { f4: Float32Array, f8: Float64Array };
   function numbers(value) {
     if (value === "@time") return numbers(payload.time);
-    if (!value || !value.bdata) return value;
-    if (!value.array) value.array = new KINDS[value.dtype](Uint8Array.from(atob(value.bdata), c => c.charCodeAt(0)).buffer);
+    if (!value || !(value.bdata || value.steps)) return value;
+    if (!value.array) value.array = value.bdata ? new KINDS[value.dtype](bytes(value.bdata)) : counted(value);
     return value.array;
+  }
+  // Whole steps of a range, or of time the differences from sample to sample.
+  function counted(value) {
+    const steps = new (value.wide ? Int32Array : Int16Array)(bytes(value.steps)), found = new Float64Array(steps.length);
+    let sum = 0;
+    steps.forEach((v, k) => {
+      sum = value.wide ? sum + v : v;
+      found[k] = !value.wide && v === -32768 ? NaN : value.low + value.step * sum;
+    });
+    return found;
   }
 
   // The smallest and the largest value of every stretch of the part that is shown.
@@ -54,7 +68,7 @@
 
   function painted(value) {
     if (Array.isArray(value)) return value.map(painted);
-    if (value && typeof value === "object" && !value.bdata && !ArrayBuffer.isView(value)) {
+    if (value && typeof value === "object" && !value.bdata && !value.steps && !ArrayBuffer.isView(value)) {
       return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, painted(v)]));
     }
     return typeof value === "string" && value[0] === "@" && value !== "@time" ? payload.themes[theme()][value] : value;
@@ -73,11 +87,23 @@
     });
   }
 
+  const NARROW = 560;  // px, below which two maps stand one under the other
+  function stack(layout) {
+    [layout.xaxis, layout.xaxis2].forEach(a => { a.domain = [0, 1]; });
+    [[layout.yaxis, layout.annotations[0], 0.58, 1], [layout.yaxis2, layout.annotations[1], 0, 0.42]].forEach(([axis, name, low, high]) => {
+      axis.domain = [low, high];
+      Object.assign(name, { x: 0.5, y: high });
+    });
+    layout.yaxis2.title = layout.yaxis.title;
+    layout.height = 640;
+  }
+
   const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
   function draw(chart) {
     const place = document.getElementById(chart.id);
     if (place.offsetParent === null) return;
     const layout = { ...painted(payload.layout), ...painted(chart.layout) };
+    if (layout.meta === "pair" && place.clientWidth < NARROW) stack(layout);
     if (chart.window) layout.xaxis = { ...layout.xaxis, range: chart.window, autorange: false };
     Plotly.react(place, traces(chart), layout, config);
     if (!chart.drawn && chart.traces.some(t => t.meta === "signal")) {
@@ -92,12 +118,24 @@
     chart.drawn = true;
   }
   const drawAll = () => payload.charts.forEach(draw);
+  const below = chart => document.getElementById(chart.id).getBoundingClientRect().top - window.innerHeight;
+  // What is on the screen at once, the rest while the reader reads: each chart leaves the page time to answer.
+  async function open() {
+    const near = payload.charts.filter(c => below(c) < 0);
+    near.forEach(draw);
+    root.dataset.opened = "true";
+    for (const chart of payload.charts.filter(c => !near.includes(c))) {
+      await new Promise(next => setTimeout(next));
+      if (!chart.drawn) draw(chart);
+    }
+    root.dataset.ready = "true";
+  }
 
   function csv(chart) {
     const columns = [];
     for (const trace of chart.traces) {
       for (const axis of ["x", "y", "z", "text"]) {
-        if (Array.isArray(trace[axis]) || (trace[axis] && trace[axis].bdata) || trace[axis] === "@time") {
+        if (Array.isArray(trace[axis]) || (trace[axis] && (trace[axis].bdata || trace[axis].steps)) || trace[axis] === "@time") {
           columns.push([`${trace.name}: ${axis}`, ...Array.from(numbers(trace[axis])).flat()]);
         }
       }
@@ -131,6 +169,5 @@
     drawAll();
   });
   dark.addEventListener("change", () => { root.dataset.theme = dark.matches ? "dark" : "light"; drawAll(); });
-  drawAll();
-  root.dataset.ready = "true";
+  await open();
 })();

@@ -17,18 +17,20 @@ from jinja2 import Environment, FileSystemLoader
 
 from .. import __version__
 from ..compile import compile_model, find_effect
-from ..compile.effects import annotation
 from ..data.frames import Frame
 from ..diagnosis.compare import worded
+from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
-from . import charts, findings, records, sentences
+from . import cards, charts, findings, records, schematic, sentences
 from .sentences import finite
+from .verdict import Verdict
 
 HERE = Path(__file__).parent
 SECTIONS = (("checked", "Check of the data"), ("measured", "What was measured"),
             ("against", "Model against measurement"), ("where", "Where it fails"),
             ("which", "Which effect is missing"), ("fall", "Watch the error fall"), ("parameters", "Parameters"),
             ("next", "What to measure next"), ("again", "How to reproduce"))
+MATTERS = 0.01  # share of the residual's energy from which a variable is named
 CARDS = 4  # candidates with a card, besides those that were added
 PACKAGES = "numpy", "scipy", "casadi", "pymoca", "plotly"
 
@@ -54,6 +56,7 @@ class Page:
         steps = improvement.steps
         self.models = [(s.model, s.fit) for s in (steps if len(steps) < 2 else (steps[0], steps[-1]))]
         self.floor = {c: v for c, v in self.last["noise_floor"].items() if v is not None}
+        self.verdict = Verdict(dataset, improvement, self.first, self.last, self.parameters, checked)
         self.charts = []
 
     def html(self):
@@ -64,8 +67,7 @@ class Page:
         str
         """
         parts = {"title": f"{self.dataset.study.name}: {self.dataset.study.rig.rsplit('.', 1)[-1]}",
-                 "verdict": self.first["verdict"], "headline": self._headline(), "sections": SECTIONS,
-                 "checked": self._checked(),
+                 "verdict": self.verdict.card(), "sections": SECTIONS, "checked": self._checked(),
                  "measured": self._measured(), "timeline": self._timeline(), "where": self._where(),
                  "which": self._which(), "fall": self._fall(), "parameters": self._parameters(), "next": self._next(),
                  "again": self._again()}
@@ -73,6 +75,7 @@ class Page:
         template = Environment(loader=FileSystemLoader(HERE), autoescape=True, trim_blocks=True)
         # the trusted parts go in after the words, which are escaped
         payload = json.dumps(self._payload(), allow_nan=False)
+        files["css"] += schematic.STYLE
         trusted = {**files, "plotly": _packed(_plotly()), "payload": _packed(payload)}
         text = template.get_template("page.html").render(**parts)
         for name, content in trusted.items():
@@ -83,7 +86,22 @@ class Page:
         return sentences.errors_text(error, self.dataset.units)
 
     def _change(self, before, after):
-        return sentences.change_text(before, after, self.dataset.units)
+        return sentences.change_text(before, after, self.dataset.units).replace("->", "→")
+
+    def _blamed(self):
+        """Variable that the base model's error depends on most, and the channel that shows it; None where nothing."""
+        told = {c: v["depends_on"][0] for c, v in (self.first.get("channels") or {}).items() if v["depends_on"]}
+        most = next((e for e in self.first["residual_depends_on"] if e["strength"] > MATTERS), None)
+        if most is None:
+            return None, None
+        shows = [c for c, e in told.items() if e["variable"] == most["variable"]]
+        return most["variable"], max(shows, key=lambda c: told[c]["strength"], default=None)
+
+    def _opened(self, found):
+        """Charts of one title, the one of what is to blame first."""
+        variable, channel = self._blamed()
+        branch = f"branch of {str(variable).partition('@')[2]}"
+        return sorted(found, key=lambda c: (variable not in c.over and branch not in c.over, c.channel != channel))
 
     def _payload(self):
         """Charts for the script; the time that all signals share is told once."""
@@ -91,26 +109,20 @@ class Page:
         for chart in self.charts:
             traces = []
             for trace in chart.traces:
-                if trace.get("meta") == "signal":
-                    time, trace = trace["x"], {**trace, "x": "@time"}
-                traces.append(charts.encoded(trace))
+                signal = trace.get("meta") == "signal"
+                if signal:
+                    time = trace["x"]
+                traces.append(charts.encoded({n: v for n, v in trace.items() if not signal or n not in "xy"}) | (
+                    {"x": "@time", "y": charts.packed(trace["y"])} if signal else {}))
             told.append({"id": chart.id, "traces": traces, "layout": charts.encoded(chart.layout)})
         return {"themes": charts.THEMES, "layout": charts.base_layout(), "shown": charts.SHOWN,
                 "room": charts.ROOM,
-                "time": charts.encoded(time) if time is not None else [], "charts": told}
+                "time": charts.packed(time, True) if time is not None else [], "charts": told}
 
     def _keep(self, chart):
         if chart is not None:
             self.charts.append(chart)
         return chart
-
-    def _headline(self):
-        added = [s.added for s in self.found.steps[1:]]
-        if not added:
-            return sentences.summary_diagnosis(self.first, self.library)[0]
-        names = ", then ".join(f"{e.replace('_', ' ')} at {p}" for e, p in added)
-        last = sentences.summary_diagnosis(self.last, self.library, final=True)[0]
-        return f"Missing in the model: {names}. {last}"
 
     # ---- what the data check says
 
@@ -118,8 +130,9 @@ class Page:
         if self.checked is None:
             return {"lines": ["The data were not checked."], "tables": []}
         rows = [(f.kind, findings.sentence(f), f.mend) for f in self.checked.findings]
-        lines = [] if any(f.told for f in self.checked.findings) else findings.every(self.checked)[-1:]
-        return {"lines": [findings.sentence(f) for f in self.checked.findings if f.told] + lines,
+        told = any(f.told for f in self.checked.findings)
+        lines = ["What was found stands above all else on this page."] if told else findings.every(self.checked)[-1:]
+        return {"lines": lines,
                 "tables": [_table("All that the check says", ("kind", "what", "line that mends it"), rows)]}
 
     # ---- what was measured
@@ -152,46 +165,57 @@ class Page:
         return None if self.dataset.averaged else self._keep(charts.timeline(self.dataset, self.models))
 
     def _where(self):
-        d = self.dataset
-        found = {"maps": charts.maps(d, self.models), "profiles": charts.profiles(d, self.models),
+        d, (variable, _) = self.dataset, self._blamed()
+        found = {"maps": charts.maps(d, self.models),
+                 "profiles": charts.profiles(d, self.models, also=[variable] if variable else ()),
                  "groups": charts.groups(d, self.models, self.floor)}
-        for group in found.values():
-            for chart in group:
-                self._keep(chart)
+        found = {name: [self._keep(chart) for chart in self._opened(group)] for name, group in found.items()}
         depends = [f"{worded(e['variable'])} ({100 * e['strength']:.0f} %)"
-                   for e in self.first["residual_depends_on"][:4] if e["strength"] > 0.01]
+                   for e in self.first["residual_depends_on"][:4] if e["strength"] > MATTERS]
         lines = [f"The base model's error depends most on {', '.join(depends)}: the share of its energy that each "
-                 "alone predicts, on passes it was not fitted to."] if depends else []
-        lines += [found["maps"][0].caption] if found["maps"] else []
+                 "alone predicts, on passes it was not fitted to. The charts open on the first."] if depends else []
         return {"lines": lines, **found}
 
     # ---- effects
 
     def _which(self):
-        lines = sentences.summary_diagnosis({**self.first, "undetectable": []}, self.library)
-        lines += self._unexplained()
-        cards = [self._added(k) for k in range(1, len(self.found.steps))]
-        shown = {(c["effect"], c["place"]) for c in cards}
-        cards += [self._rival(c) for c in self._rivals(shown)]
-        rows = [(c["effect"], c["place"], number(c["p_value"]), self._errors(c["predicted_error"]),
-                 "accepted" if c["accepted"] else "refitted" if c["refitted"] else "scored")
-                for c in self.first["candidates"]]
-        table = _table("Candidates, best first", ("effect", "place", "p, family-wise", "predicted error", ""), rows)
+        lines = self._unexplained()
+        shown = [self._added(k) for k in range(1, len(self.found.steps))]
+        shown += [self._rival(c) for c in self._rivals({(c["effect"], c["place"]) for c in shown})]
+        rows = [(_spaced(c["effect"]), c["place"], cards.chance(c["p_value"]), self._errors(c["predicted_error"]),
+                 self._fate(c)) for c in self.first["candidates"]]
+        table = _table("All that was tested, best first", ("effect", "place", "chance alone does as much in",
+                                                           "error with it, predicted", "what became of it"), rows)
         left = self.found.last.unexplained
         chart = self._keep(charts.unexplained(self.dataset, left)) if left else None
-        return {"lines": lines, "map": chart, "cards": cards, "rest": table}
+        return {"lines": lines, "map": chart, "cards": shown, "rest": table}
 
     def _rivals(self, shown):
-        """Candidates worth a card although they were not added: all twins, and each effect at its best place."""
+        """Candidates worth a card although they were not added: all alternatives, and each effect at its best place."""
         left = [c for c in self.first["candidates"] if (c["effect"], c["place"]) not in shown and c["p_value"] < 0.05]
-        twins = [c for c in left if c["twins"] and (self.first["candidates"][0]["accepted"])]
+        alike = [c for c in left if c["twins"] and (self.first["candidates"][0]["accepted"])]
         effects = {effect for effect, _ in shown}
         rest = []
         for c in left:  # best first
-            if c not in twins and c["refitted"] and c["effect"] not in effects:
+            if c not in alike and c["refitted"] and c["effect"] not in effects:
                 effects.add(c["effect"])
                 rest.append(c)
-        return [*twins, *rest][:CARDS]
+        return [*alike, *rest][:CARDS]
+
+    def _fate(self, told):
+        """What became of a candidate, in words."""
+        key = told["effect"], told["place"]
+        step = next((k for k, s in enumerate(self.found.steps) if s.added == key), None)
+        if step is not None:
+            return f"added, step {step}"
+        for other in self.first["candidates"]:
+            if other["accepted"] and any((t["effect"], t["place"]) == key for t in other["twins"]):
+                return f"not to be told from {_spaced(other['effect'])} at {other['place']}"
+        if told.get("explained_by"):
+            return f"explained by {_spaced(told['explained_by']['effect'])} at {told['explained_by']['place']}"
+        if told.get("refused"):
+            return f"refused: {told['refused']}"
+        return "not needed" if told["p_value"] < LEVEL else "not significant"
 
     def _unexplained(self):
         left = self.last.get("unexplained")
@@ -201,60 +225,48 @@ class Page:
         proposal = left.get("proposal")
         return lines + ([f"Proposed: {proposal['text']}"] if proposal else [])
 
-    def _card(self, effect, place, told):
-        """What every card says."""
-        kind = find_effect(self.library, effect)
-        lines = [told["sentence"]] if told.get("sentence") else []
-        if told.get("coefficients"):
-            lines.append(", ".join(sentences.coefficient_text(n, c) for n, c in told["coefficients"].items()) + ".")
-        if told.get("p_value") is not None:
-            lines.append(f"p = {number(told['p_value'])} over everything that was tested.")
-        lines += self._falls(told)
-        lines += sentences.alternatives_text(told, self.library) if told.get("twins") else []
-        if told.get("experiment"):
-            lines.append(f"What would decide: {told['experiment']}.")
-        return {"effect": effect, "place": place, "description": f"{kind.description}.", "lines": lines, "chart": None}
-
-    def _falls(self, told):
-        lines = []
-        for key, text in (("predicted_fall", "Predicted fall of the error"), ("realised_fall", "Realised fall")):
-            if told.get(key):
-                lines.append(f"{text}: " + ", ".join(f"{c} {100 * v:.0f} %" for c, v in told[key].items()) + ".")
-        if told.get("predicted_error") and not told.get("predicted_fall"):
-            change = self._change(self.first["error"], told["predicted_error"])
-            lines.append(f"Error, predicted before any refit: {change}.")
-        return lines
-
     def _added(self, k):
-        """Card of an effect that the search added."""
+        """Card of an effect that the search added: what its step brought; the verdict says the rest."""
         before, step = self.found.steps[k - 1:k + 1]
-        told = next((c for c in self.first["candidates"] if (c["effect"], c["place"]) == step.added), {})
-        card = self._card(*step.added, told)
+        effect, place = step.added
         line = f"Error with it: {self._change(before.error, step.error)}"
         if step.held_out_error:
             line += f"; on held-out passes {self._change(before.held_out_error, step.held_out_error)}"
-        card["lines"].append(line + ".")
+        predicted = step.finding.predicted_error if step.finding is not None else None
+        line += f"; predicted before any refit: {self._errors(predicted)}." if predicted else "."
         chart = charts.signature(self.dataset, (before.model, before.fit), (step.model, step.fit), step.added)
-        return {**card, "accepted": True, "status": f"added, step {k}", "chart": self._keep(chart)}
+        return {"effect": effect, "place": place, "description": f"{find_effect(self.library, effect).description}.",
+                "lines": [line], "accepted": True, "status": f"added, step {k}", "chart": self._keep(chart)}
 
     def _rival(self, told):
         """Card of a candidate that was not added."""
-        card = self._card(told["effect"], told["place"], told)
-        accepted = next((c for c in self.first["candidates"] if c["accepted"]), None)
-        twin = accepted and any((t["effect"], t["place"]) == (told["effect"], told["place"]) for t in accepted["twins"])
-        finding = next(f for f in self.found.first.candidates if f.key == (told["effect"], told["place"]))
+        effect, place = key = told["effect"], told["place"]
+        winner, lines = told.get("explained_by"), []
+        if told.get("coefficients") and not winner:
+            lines.append(", ".join(sentences.coefficient_text(n, c) for n, c in told["coefficients"].items()) + ".")
+        fall = told.get("realised_fall") or told.get("predicted_fall") or {}
+        if fall:
+            text = ("By itself it takes " if told.get("realised_fall") else "By itself it should take ") + ", ".join(
+                f"{100 * v:.0f} % off the error of {c}" for c, v in fall.items())
+            beside = f"{_spaced(winner['effect'])} at {winner['place']}" if winner else ""
+            lines.append(f"{text}; beside {beside} nothing is left for it to explain." if winner else f"{text}.")
+        if not winner:
+            lines.append(f"Chance alone would find something as large in {cards.chance(told['p_value'])}.")
+        alike = [t for t in told.get("twins") or () if (t["effect"], t["place"]) != key]
+        if alike:
+            lines += sentences.alternatives_text(told, None)
+            lines += [f"What would decide: {told['experiment']}."] if told.get("experiment") else []
+        finding = next(f for f in self.found.first.candidates if f.key == key)
         chart = None
-        if finding.fit is not None:
+        if finding.fit is not None and not told.get("explained_by"):
             base = self.found.steps[0]
-            key = (told["effect"], told["place"])
-            attached = base.model.keys
-            model = compile_model(self.library, base.model.rig, [*attached, key])
+            model = compile_model(self.library, base.model.rig, [*base.model.keys, key])
             chart = charts.signature(self.dataset, (base.model, base.fit), (model, finding.fit), key)
             chart.id = f"rival_{chart.id}"
-        return {**card, "accepted": False, "chart": self._keep(chart),
-                "status": "not to be told from the accepted" if twin else "not accepted"}
+        return {"effect": effect, "place": place, "description": f"{find_effect(self.library, effect).description}.",
+                "lines": lines, "accepted": False, "chart": self._keep(chart), "status": self._fate(told)}
 
-    # ---- ladder, parameters
+    # ---- steps, parameters
 
     def _fall(self):
         steps = self.found.steps
@@ -263,14 +275,15 @@ class Page:
         told = self.dataset.held_out_ranges()
         seconds = sum(b - a for _, a, b in told)
         lines = [f"{len(told)} passes out and back, {seconds:.4g} s, were held out of every fit and of every choice."]
-        return {"lines": lines, "ladder": self._keep(charts.ladder(self.dataset, steps, self.floor)),
+        return {"lines": lines, "chart": self._keep(charts.ladder(self.dataset, steps, self.floor)),
                 "table": _table("Errors, step by step (RMSE of moving samples)",
                                 ("model", "fitted passes", "held-out passes"), rows)}
 
     def _parameters(self):
         p = self.parameters
         rows = [(n, finite(v["value"]), f"{finite(v['ci95'][0])} to {finite(v['ci95'][1])}",
-                 v["unit"], sentences._note(v), v.get("description") or "") for n, v in p["parameters"].items()]
+                 "" if v["unit"] == "1" else v["unit"], sentences.note(v), v.get("description") or "")
+                for n, v in p["parameters"].items()]
         words = sentences.summary_parameters(p)
         lines = [line for line in words if line.startswith(("Not determined", "Weak", "Error"))]
         return {"lines": lines, "chart": self._keep(charts.intervals(p)),
@@ -279,24 +292,18 @@ class Page:
     # ---- next, again
 
     def _next(self):
-        lines = []
-        for c in self.first["candidates"]:
-            if c["accepted"] and c["twins"]:
-                experiment = c.get("experiment") or annotation(
-                    self.library, find_effect(self.library, c["effect"]).model).get("experiment")
-                names = ", ".join(f"{t['effect']} at {t['place']}" for t in c["twins"])
-                lines += [f"To tell {c['effect']} at {c['place']} from {names}: {experiment}."] if experiment else []
-        lines += sentences.summary_undetectable(self.last["undetectable"])
         study = self.dataset.study
-        lines.append(f"'pycosim plan {study.path.name}' turns this into a motion of the motors: one that narrows the "
-                     "intervals, or tells the effects above apart"
-                     + ("." if study.limits else ", once a [limits] table in the study says what may move how far."))
+        lines = [f"'pycosim plan {study.path.name}' turns this into a motion of the motors: one that narrows the "
+                 "intervals, or tells the effects above apart"
+                 + ("." if study.limits else ", once a [limits] table in the study says what may move how far.")]
         smallest = self.last.get("smallest_detectable") or []
-        rows = [(e["effect"], e["place"], f"{e['coefficient']} = {number(e['value'])} {e['unit']}",
-                 f"{100 * e['error_share']:.2g}") for e in smallest if e.get("value") is not None]
+        rows = [(_spaced(e["effect"]), e["place"], f"{e['coefficient']} = {number(e['value'])} "
+                 f"{'' if e['unit'] == '1' else e['unit']}".rstrip(), f"{100 * e['error_share']:.2g}")
+                for e in smallest if e.get("value") is not None]
         tables = [_table("The smallest effect that these data would have shown",
                          ("effect", "place", "coefficient", "share of the error [%]"), rows)] if rows else []
-        return {"lines": lines, "tables": tables}
+        return {"ranked": self.verdict.experiments(), "lines": lines,
+                "unseen": sentences.summary_undetectable(self.last["undetectable"]), "tables": tables}
 
     def _again(self):
         study = self.dataset.study
@@ -349,6 +356,10 @@ def write_numbers(folder, drawn):
     for chart in drawn:
         columns = {n: pd.Series(v) for n, v in chart.columns().items()}
         pd.DataFrame(columns).to_csv(folder / f"{chart.id}.csv", index=False)
+
+
+def _spaced(effect):
+    return effect.replace("_", " ")
 
 
 def _table(caption, header, rows):

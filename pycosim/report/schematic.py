@@ -492,7 +492,8 @@ def _sign(kind):
         "gear": '<circle cx="-4" r="6"/><circle cx="6" r="4"/>' + dot.replace("<circle", '<circle cx="-4"'),
         "joint": '<circle r="5"/><path d="M-11,0H-5M5,0H11"/>' + dot,
         "difference": '<circle r="8"/><path d="M-4,0H4"/>',
-        "link": '<circle cx="-8" cy="-6" r="3"/><path d="M-6,-4L6,5"/><circle cx="8" cy="7" r="4" fill="currentColor"/>',
+        "link": '<circle cx="-8" cy="-6" r="3"/><path d="M-6,-4L6,5"/>' + dot.replace(
+            'r="2"', 'cx="8" cy="7" r="4"'),
         "inertia": '<rect x="-6" y="-8" width="12" height="16"/><path d="M-11,0H-6M6,0H11"/>',
         "screw": '<path d="M-11,0l3,-6l4,12l4,-12l4,12l4,-12l3,6"/>',
         "spring": '<path d="M-11,0h3l2,-6l4,12l4,-12l4,12l2,-6h3"/>',

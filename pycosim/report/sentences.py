@@ -38,6 +38,21 @@ def _unit(unit):
     return "" if unit in ("1", "") else f" {unit}"
 
 
+def labelled(name, unit):
+    """A name with its unit; a number without unit has none.
+
+    Parameters
+    ----------
+    name, unit : str
+
+    Returns
+    -------
+    str
+        As ``C_H [N.m]``.
+    """
+    return name if unit in ("1", "") else f"{name} [{unit}]"
+
+
 def change_text(before, after, units):
     """Two errors in words.
 
@@ -200,7 +215,7 @@ def summary_parameters(result):
     rows = [("parameter", "value", "95 %", "unit", "")]
     for name, p in result["parameters"].items():
         rows.append((name, finite(p["value"]), f"{finite(p['ci95'][0])} to {finite(p['ci95'][1])}",
-                     "" if p["unit"] == "1" else p["unit"], _note(p)))
+                     "" if p["unit"] == "1" else p["unit"], note(p)))
     lines = aligned(rows)
     if result.get("conditional"):
         lines.append("Something unknown is missing beside these values: they hold if it is the same all over the data; "
@@ -230,7 +245,19 @@ def finite(value):
     return number(value, 1e-2)  # a bound of zero is approached to 5e-8
 
 
-def _note(p):
+def note(p):
+    """What is to be said of a parameter beside its value.
+
+    Parameters
+    ----------
+    p : dict
+        Of ``parameters.json``.
+
+    Returns
+    -------
+    str
+        Empty where nothing is.
+    """
     notes = []
     if not p["identifiable"]:
         notes.append("not determined by itself; the range is what the bounds allow")

@@ -15,6 +15,7 @@ from . import cards, consequence, findings, schematic, sentences
 
 SURE = ((1e-3, "As sure as this test can be"), (1e-2, "Very likely"), (0.05, "Likely"))  # largest p-value, in words
 MOST = 5  # experiments that are listed
+COOL = 1e-3  # error of a predicted heat that is none
 HIDING = 3  # effects that could still hide, in the card
 
 
@@ -45,18 +46,26 @@ class Verdict:
         Returns
         -------
         dict
-            ``verdict``; ``title``; ``findings``, of the data check, as (sentence, mend); ``drawing`` (HTML, trusted);
-            ``rows``, pairs of a heading and its sentences.
+            ``verdict``; ``title``; ``findings`` of the data check, as (blocking, sentence, mend); ``drawing`` (HTML,
+            trusted); ``rows`` of a heading, its sentences, and a table or None.
         """
-        told = [f for f in self.checked.findings if f.told] if self.checked is not None else []
         rows = [("What is missing", self._what()), ("How large", self._large()), ("How sure", self._sure()),
-                ("Error before and after" if self.added else "Error", self._error()),
+                ("Error before and after" if self.added else "Error", self._error(), self._errors()),
                 ("What else it could be", self._else()), ("What it changes", self._changes()),
                 ("What is left", self._left()), ("Next experiment", self.experiments()[:1])]
-        return {"verdict": self.first["verdict"], "title": self.title(),
-                "findings": [(findings.sentence(f), f.mend) for f in told],
+        return {"verdict": self.first["verdict"], "title": self.title(), "findings": self._findings(),
                 "drawing": schematic.figure(self.steps[0].model, highlight=self._marks()),
-                "rows": [(name, lines) for name, lines in rows if lines]}
+                "rows": [(name, lines, table[0] if table else None) for name, lines, *table in rows if lines or table]}
+
+    def _findings(self):
+        """What the data check found: whether it stops a search, sentence, and the line that mends it, once."""
+        told = [f for f in self.checked.findings if f.told] if self.checked is not None else []
+        blocking = self.checked.blocking if self.checked is not None else []
+        shown = []
+        for f in sorted(told, key=lambda f: f not in blocking):
+            mend = " ".join(f.mend.split("\n"))
+            shown.append((f in blocking, findings.sentence(f), "" if any(mend == m for _, _, m in shown) else mend))
+        return shown
 
     def title(self):
         """The answer in a line.
@@ -95,7 +104,8 @@ class Verdict:
         if not self.added and self.first["verdict"] == "unexplained":
             depends = [d for d in self.first["residual_depends_on"] if d["strength"] > 0][:2]
             if depends:
-                names = [f"{sentences.worded(d['variable'])} ({100 * d['strength']:.0f} % of its energy)" for d in depends]
+                names = [f"{sentences.worded(d['variable'])} ({100 * d['strength']:.0f} % of its energy)"
+                         for d in depends]
                 lines.append(f"What is left depends most on {sentences.joined(names)}.")
             left = self.first.get("unexplained")
             lines += [left["proposal"]["text"]] if left and left.get("proposal") else []
@@ -123,30 +133,26 @@ class Verdict:
         return lines
 
     def _error(self):
+        floor = {c: v for c, v in self.last["noise_floor"].items() if v is not None}
+        return [f"No model of this kind gets below the noise, {sentences.errors_text(floor, self.dataset.units)}."
+                ] if floor else []
+
+    def _errors(self):
+        """Table of errors, a row a channel, in its unit and of what is rated."""
         first, last = self.steps[0], self.steps[-1]
         held = bool(first.held_out_error and last.held_out_error)
         before, after = (s.held_out_error if held else s.error for s in (first, last))
-        where = "On passes held out of every fit and every choice" if held else \
-            "On the passes that were fitted (none could be held out)"
         shares = [consequence.errors_of_rated(self.dataset, e) for e in (before, after)]
-        parts = [self._channel(c, before, after, shares) for c in before if c in after]
-        floor = {c: v for c, v in self.last["noise_floor"].items() if v is not None}
-        lines = [f"{where}, RMS: {'; '.join(parts)}."]
-        return lines + ([f"No model of this kind gets below the noise of the measurement, "
-                         f"{sentences.errors_text(floor, self.dataset.units)}."] if floor else [])
-
-    def _channel(self, c, before, after, shares):
-        """One channel's error before and after, in its unit and of what is rated."""
-        unit = self.dataset.units[c]
-        text = f"{c} {number(before[c])}"
-        change = len(self.steps) > 1
-        text += f" → {number(after[c])}" if change else ""
-        text += f" {unit}" if unit not in ("1", "") else ""
-        text += f" ({100 * (after[c] / before[c] - 1):+.0f} %)".replace("-", "−") if change and before[c] else ""
-        if c in shares[0] and c in shares[1]:
-            ends = [f"{100 * s[c][0]:.2g}" for s in (shares if change else shares[:1])]
-            text += f", {' → '.join(ends)} % of {shares[0][c][1]}"
-        return text
+        rows = []
+        for c in [c for c in before if c in after]:
+            ends = [(before[c], shares[0].get(c)), (after[c], shares[1].get(c))][:len(self.steps)]
+            rows.append((sentences.labelled(c, self.dataset.units[c]), *(_of(*e) for e in ends), *(
+                [f"{100 * (after[c] / before[c] - 1):+.0f} %".replace("-", "−")] if self.added and before[c] else [])))
+        kinds = list(dict.fromkeys(s[1] for s in shares[0].values()))
+        of = f"; in brackets: of {kinds[0] if len(kinds) == 1 else 'the largest in the log'}" if kinds else ""
+        where = "passes held out of every fit and every choice" if held else "the fitted passes (none is held out)"
+        header = ("", "before", "after", "change") if self.added else ("", "error")
+        return {"caption": f"RMS error on {where}{of}", "header": header, "rows": rows}
 
     def _else(self):
         lines = []
@@ -168,10 +174,13 @@ class Verdict:
         for name, f in found.items():
             before, after = f["error"]
             text = (f"A controller that feeds the model forward leaves {number(before)} → {number(after)} {f['unit']} "
-                    f"RMS of {name} to its feedback, and its tracking error shrinks as that does")
+                    f"RMS of {consequence.logged(self.dataset, name)} to its feedback, and its tracking error shrinks "
+                    "as that does")
             if f["rated"]:
-                text += f" ({100 * before / f['rated'][0]:.2g} → {100 * after / f['rated'][0]:.2g} % of {f['rated'][1]})"
-            heat = [f"{100 * abs(h):.2g} % too {'high' if h > 0 else 'low'}" for h in f["heat"]]
+                top, what = f["rated"]
+                text += f" ({100 * before / top:.2g} → {100 * after / top:.2g} % of {what})"
+            heat = [f"{100 * abs(h):.2g} % too {'high' if h > 0 else 'low'}" if abs(h) >= COOL else
+                    f"right to {100 * COOL:g} %" for h in f["heat"]]
             lines.append(f"{text}. The heat in the winding that it predicts for this motion was {heat[0]}, "
                          f"and is {heat[1]}.")
         return lines
@@ -185,7 +194,8 @@ class Verdict:
                      "not_enough_excitation": ["What else may be missing these data move too little to tell."],
                      "missing_effect": ["More is missing than this search was allowed to add."]}[verdict]
         if verdict == "nothing_missing":
-            lines += sentences.smallest_text(self.last["smallest_detectable"], HIDING)
+            lines += sentences.smallest_text([{**e, "effect": e["effect"].replace("_", " ")}
+                                              for e in self.last["smallest_detectable"]], HIDING)
         return lines
 
     # ---- what to measure
@@ -208,8 +218,8 @@ class Verdict:
         if self.last["verdict"] == "unexplained":
             depends = next((d["variable"] for d in self.last["residual_depends_on"] if d["strength"] > 0), None)
             if depends:
-                found.append(f"Repeat the same passes at several values of {sentences.worded(depends)}, all else alike: "
-                             "what is left depends on it most, and its law shows then.")
+                found.append(f"Repeat the same passes at several values of {sentences.worded(depends)}, all else "
+                             "alike: what is left depends on it most, and its law shows then.")
         if self.added:
             found.append("Record the motion once more and run 'pycosim confirm' with the improved study: the log that "
                          "chose an effect cannot confirm it.")
@@ -233,6 +243,11 @@ def _named(effect, place):
 
 def _capital(text):
     return text[:1].upper() + text[1:]
+
+
+def _of(value, share):
+    """An error, and what it is of what is rated."""
+    return number(value) + (f" ({100 * share[0]:.2g} %)" if share else "")
 
 
 def _certainty(p):
