@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pymoca.ast
 
-from .effects import _members, annotation, is_connector, is_effect
+from .effects import annotation, components_of, is_connector, is_effect
 
 BUILTIN = "Real", "Integer", "Boolean", "String"
 FLANGES = "Flange", "TranslationalFlange"  # connectors that carry a torque or a force
@@ -85,7 +85,7 @@ def wiring(library, rig):
 def _wiring(library, rig):
     texts = {s.name: str(s.comment or "") for _, node in library.bases(rig) for s in node.symbols.values()}
     parts = {}
-    for name, (kind, _) in _members(library, rig).items():
+    for name, (kind, _) in components_of(library, rig).items():
         if kind not in BUILTIN and not is_connector(library, kind):
             parts[name] = _part(library, name, kind, texts.get(name, ""))
     pairs, signals = [], {}
@@ -101,7 +101,7 @@ def _wiring(library, rig):
 
 
 def _part(library, name, model, description):
-    members = _members(library, model)
+    members = components_of(library, model)
     flanges = tuple(n for n, (kind, _) in members.items() if kind.rpartition(".")[2] in FLANGES)
     return Part(name, _kind(library, model, members, flanges), description, flanges)
 
