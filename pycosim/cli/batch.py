@@ -11,7 +11,7 @@ from concurrent.futures import as_completed
 from pathlib import Path
 
 from ..core.errors import PycosimError
-from ..core.executors import BrokenExecutor, executor
+from ..core.executors import executor, lost
 
 TABLE = "studies.csv"
 COLUMNS = ("study", "verdict", "added", "error", "held_out_error", "seconds", "failure", "given")
@@ -45,13 +45,13 @@ def improve_all(studies, out, where="serial", workers=None, robust=False, progre
     say = progress or (lambda text: None)
     out.mkdir(parents=True, exist_ok=True)
     folders, rows = _folders(studies), _known(out / TABLE)
-    work = {s: (str(s), str(out / folders[s]), robust) for s in studies}
+    work = {s: (*(str(Path(p).absolute()) for p in (s, out / folders[s])), robust) for s in studies}
     given = {s: _given(s, robust) for s in studies}
     rows = {s: rows[str(s)] for s in studies if _done(rows.get(str(s)), given[s], out / folders[s])}
     killed = []
 
     def keep(study, row):
-        rows[study] = {**row, "given": given[study]}
+        rows[study] = {**row, "study": str(study), "given": given[study]}
         _write(out / TABLE, [rows[s] for s in studies if s in rows])
         failed = sum(bool(r["failure"]) for r in rows.values())
         say(f"{len(rows)} of {len(studies)} studies done{f', {failed} failed' if failed else ''}")
@@ -60,15 +60,22 @@ def improve_all(studies, out, where="serial", workers=None, robust=False, progre
         futures = {pool.submit(improve_one, *work[s]): s for s in studies if s not in rows}
         for future in as_completed(futures):
             try:
-                keep(futures[future], future.result())
-            except BrokenExecutor:  # of all that were under way, one ended the pool: each again, by itself
+                row = future.result()
+            except Exception as error:  # of all that were under way, one ended the pool: each again, by itself
+                if not lost(error):
+                    raise
                 killed.append(futures[future])
+            else:
+                keep(futures[future], row)
     for study in killed:
         try:
             with executor(where, 1) as pool:
-                keep(study, pool.submit(improve_one, *work[study]).result())
-        except BrokenExecutor:
-            keep(study, _failed(study, 0.0, "its process was killed, perhaps for want of memory"))
+                row = pool.submit(improve_one, *work[study]).result()
+        except Exception as error:
+            if not lost(error):
+                raise
+            row = _failed(study, 0.0, "its process was killed, perhaps for want of memory")
+        keep(study, row)
     _write(out / TABLE, [rows[s] for s in studies])
     return [rows[s] for s in studies]
 

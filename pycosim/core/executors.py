@@ -11,6 +11,7 @@ from .errors import PycosimError, closest
 
 WORDS = ("serial", "threads", "processes")
 DASK = "dask://"
+PATIENCE = 10  # s, for a scheduler of dask to answer
 
 
 class ExecutorError(PycosimError):
@@ -82,6 +83,21 @@ def executor(where, workers=None):
         pool.shutdown(wait=True, cancel_futures=True)
 
 
+def lost(error):
+    """Whether a piece of work failed because the process that did it ended, and not by what it did.
+
+    Parameters
+    ----------
+    error : Exception
+        Of its future.
+
+    Returns
+    -------
+    bool
+    """
+    return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"  # dask's, which may not be here
+
+
 @contextmanager
 def _dask(address):
     try:
@@ -89,7 +105,7 @@ def _dask(address):
     except ModuleNotFoundError:
         raise ExecutorError("--on dask://HOST:PORT needs dask; pip install 'pycosim-drivetrain[dask]'") from None
     try:
-        client = Client(address, timeout="10s")
+        client = Client(address, timeout=PATIENCE)
     except (OSError, TimeoutError) as error:
         raise ExecutorError(f"no scheduler of dask answers at {address} ({error}); start one with 'dask scheduler', "
                             "and workers with 'dask worker HOST:PORT'") from None
@@ -97,4 +113,4 @@ def _dask(address):
         yield pool
 
 
-__all__ = ["BrokenExecutor", "ExecutorError", "Serial", "executor"]
+__all__ = ["ExecutorError", "Serial", "executor", "lost"]

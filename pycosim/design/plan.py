@@ -20,6 +20,7 @@ from .workspace import Workspace, kinematics, limits_of
 ASSUMED = 0.01  # noise over the range of a channel, where nothing was measured
 ALIKE = 0.1  # squares of the noise below which rivals are one and the same
 SEPARATE = 10.8  # squares of the noise by which rivals must differ: the better one is the true one in 99.9 %
+PATIENCE = 40.0  # s that the optimiser may take: a minute with all the rest, for an experiment of minutes
 
 
 # --- from strokes to a motion ---------------------------------------------------------------------------------------
@@ -309,7 +310,7 @@ class Plan:
 
 
 def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, criterion="intervals", progress=None,
-              patience=40.0):
+              patience=None):
     """Plan the next experiment.
 
     Parameters
@@ -327,8 +328,8 @@ def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, crite
         For parameters: ``D``, ``E``, or ``intervals``, their geometric mean.
     progress : callable, optional
         Called with a sentence before each stage.
-    patience : float
-        Time for the optimiser [s].
+    patience : float, optional
+        Time for the optimiser [s]; `PATIENCE` by default.
 
     Returns
     -------
@@ -350,7 +351,7 @@ def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, crite
     info = StrokeInformation(k.asked, k.workspace.kinematics, blocks, (k.model, k.values), k.noise, DWELL, 1 / rate)
     for travel in TRAVEL:
         optimiser = Optimiser(k.workspace, info, blocks, budget, k.asked.w_min, DWELL, criterion, travel)
-        design = optimiser.solve(np.random.default_rng(k.study.seed), patience, say)
+        design = optimiser.solve(np.random.default_rng(k.study.seed), patience or PATIENCE, say)
         try:
             motion = motion_of(design, k.workspace, budget, DWELL, rate)
             break

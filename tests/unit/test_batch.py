@@ -1,8 +1,12 @@
 """Claims about several studies at once: each is a row, failures too; nothing is done twice or lost with a process."""
 
 import csv
+import json
 import os
 import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -14,9 +18,11 @@ from pycosim.core.executors import ExecutorError, executor
 
 def pretend(study, folder, robust=False):
     """Stands for `improve_one`: leaves a result, fails where the study says so, or is killed."""
-    if "killed" in study:
+    name = Path(study).stem
+    if name == "killed" or name == "unlucky" and not Path(study).with_suffix(".tried").exists():
+        Path(study).with_suffix(".tried").touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    if "broken" in study:
+    if name == "broken":
         return batch._failed(study, 0.1, "no rig in it")
     Path(folder).mkdir(parents=True, exist_ok=True)
     with (Path(folder) / "times.txt").open("a") as stream:
@@ -29,7 +35,7 @@ def pretend(study, folder, robust=False):
 def studies(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(batch, "improve_one", pretend)
-    for name in ("one", "broken", "two", "killed"):
+    for name in ("one", "broken", "two", "killed", "unlucky"):
         Path(f"{name}.toml").write_text('[rig]\nmodel = "DriveTrain.Rigs.HipKnee"\n')
     return lambda *names: [f"{n}.toml" for n in names]
 
@@ -63,6 +69,45 @@ def test_a_killed_process_loses_nothing_but_its_own_study(studies, tmp_path):
     assert "killed" in rows[1]["failure"] and len(table(tmp_path / "out")) == 3
 
 
+@pytest.fixture
+def cluster(tmp_path):
+    """A scheduler of dask and two workers, each a process of its own in a folder of its own; its word."""
+    pytest.importorskip("distributed")
+    address, environment = tmp_path / "scheduler.json", {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+
+    def start(tool, *options):
+        (tmp_path / tool).mkdir(exist_ok=True)
+        return subprocess.Popen([sys.executable, "-m", f"distributed.cli.dask_{tool}", "--scheduler-file", address,
+                                 "--no-dashboard", *options], cwd=tmp_path / tool, env=environment,
+                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    started = [start("scheduler", "--host", "127.0.0.1", "--port", "0")]
+    started += [start("worker", "--nthreads", "1", "--host", "127.0.0.1") for _ in range(2)]
+    end = time.monotonic() + 60
+    while not address.exists() and time.monotonic() < end:
+        time.sleep(0.1)
+    yield json.loads(address.read_text())["address"].replace("tcp://", "dask://")
+    for process in reversed(started):  # workers first, as long as there is a scheduler to take leave of
+        process.terminate()
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.long
+def test_a_killed_worker_of_a_cluster_loses_nothing(studies, cluster, tmp_path):
+    """One study is killed once and done by another worker; one kills whoever takes it, and is a row that says so."""
+    names = ("one", "unlucky", "broken", "killed", "two")
+    rows = batch.improve_all(studies(*names), tmp_path / "out", cluster)
+    assert {n: r["verdict"] for n, r in zip(names, rows)} == {
+        "one": "nothing_missing", "unlucky": "nothing_missing", "broken": "", "killed": "", "two": "nothing_missing"}
+    assert [r["study"] for r in table(tmp_path / "out")] == studies(*names)
+    assert "killed" in rows[3]["failure"] and rows[2]["failure"] == "no rig in it"
+    for name in ("one", "unlucky", "two"):
+        assert (tmp_path / "out" / name / "ladder.json").exists()
+
+
 def test_studies_of_one_name_have_folders_of_their_own():
     assert batch._folders(["a/x.toml", "b/x.toml", "c.toml"]) == {"a/x.toml": "x", "b/x.toml": "x_2", "c.toml": "c"}
 
@@ -79,8 +124,9 @@ def test_a_slip_in_the_options_is_told(tmp_path, monkeypatch, capsys, argv, mess
     assert message in told and told.count("\n") == 1
 
 
-def test_no_scheduler_is_told_in_a_sentence():
+def test_no_scheduler_is_told_in_a_sentence(monkeypatch):
     pytest.importorskip("distributed")
+    monkeypatch.setattr("pycosim.core.executors.PATIENCE", 1)
     with pytest.raises(ExecutorError, match="no scheduler of dask answers"):
         with executor("dask://127.0.0.1:1"):
             pass

@@ -273,6 +273,7 @@ def test_currents_degrees_and_milliseconds_give_the_same_parameters(ending, log,
         assert math.isclose(p["value"], two[name]["value"], rel_tol=1e-5, abs_tol=1e-7)
 
 
+@pytest.mark.long
 def test_irregular_samples_and_drop_outs_give_nearly_the_same_parameters(log, here):
     whole = pd.read_csv(log)
     keep = np.random.default_rng(4).random(len(whole)) > 0.2

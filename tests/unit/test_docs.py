@@ -62,6 +62,7 @@ def shown(line, output):
     return False
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda p: p.stem)
 def test_tutorial_does_what_it_says(page, tmp_path):
     (tmp_path / "examples").symlink_to(ROOT / "examples")
@@ -159,6 +160,7 @@ def test_the_licence_is_whole():
 # --- notebooks
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("notebook", sorted((ROOT / "docs").rglob("*.ipynb")), ids=lambda p: p.stem)
 def test_notebook_runs_from_a_log_to_the_missing_effect(notebook, hidden, tmp_path, monkeypatch):
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")

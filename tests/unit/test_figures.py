@@ -8,39 +8,24 @@ import pytest
 from pycosim.cli import demo
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
-from pycosim.diagnosis.decide import Finding, diagnose
 from pycosim.diagnosis.dependence import noise_floor
-from pycosim.diagnosis.search import Improvement, step_of
 from pycosim.fit import least_squares
 from pycosim.project import Search, open_project
 from pycosim.report import charts, figures, records, sentences
-from pycosim.report.folder import Folder
 from pycosim.report.values import PIXELS, envelope
 from pycosim.study.parse import load_study
 
-SHORT = {"speeds": (0.4, 1.6), "longest": 2.0}
 
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
+@pytest.fixture
+def dataset(searched):
     """A short log of the demo's machine."""
-    library = Library()
-    with Folder(tmp_path_factory.mktemp("figures") / "study", "demo") as folder:
-        demo._make(library, folder, **SHORT)
-    return Dataset(load_study(folder.path / "study.toml"), library)
+    return searched[0]
 
 
-@pytest.fixture(scope="module")
-def improvement(dataset):
+@pytest.fixture
+def improvement(searched):
     """The hidden effect added."""
-    base = least_squares.fit(dataset, dataset.base)
-    first = diagnose(dataset, dataset.base, base)
-    effect, place, _ = demo.HIDDEN
-    from pycosim.compile import compile_model
-    larger = compile_model(dataset.library, dataset.study.rig, [(effect, place)])
-    fit = next(f.fit for f in first.candidates if f.key == (effect, place))
-    steps = [step_of(dataset, dataset.base, base), step_of(dataset, larger, fit, Finding(effect, place))]
-    return Improvement(first, first, steps)
+    return searched[1]
 
 
 def _all(dataset, improvement):

@@ -62,6 +62,7 @@ def test_a_plan_keeps_its_limits(one):
     within(one)
 
 
+@pytest.mark.long
 @settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(low=st.floats(-3, 0), span=st.floats(0.01, 4), speed=st.floats(0.3, 100), acceleration=st.floats(2, 1000),
        torque=st.floats(0.02, 2), budget=st.floats(5, 90))
@@ -170,6 +171,7 @@ def test_the_density_of_the_noise_is_the_variance_of_a_way_s_mean(duration, pair
     assert float(found) == pytest.approx(duration * weights @ covariance @ weights, rel=0.02)
 
 
+@pytest.mark.long
 def test_the_same_physics_at_two_names_stays_alike_and_is_said_so():
     """An offset against itself, however much of it there is."""
     from pycosim.compile import compile_model
@@ -193,7 +195,8 @@ def run(capsys, *argv):
     return code, capsys.readouterr()
 
 
-def test_the_verb_writes_a_motion_that_a_scenario_reads(tmp_path, capsys):
+def test_the_verb_writes_a_motion_that_a_scenario_reads(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("pycosim.design.plan.PATIENCE", 8.0)
     code, said = run(capsys, "plan", STUDY, "--budget", "110", "--out", tmp_path / "plan", "--json")
     assert code == 0, said.err
     result = json.loads(said.out)

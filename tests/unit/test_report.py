@@ -12,33 +12,18 @@ import pandas as pd
 import pytest
 
 from pycosim.cli import demo
-from pycosim.compile import Library, compile_model
 from pycosim.data.checks.finding import Checked, Finding
 from pycosim.data.dataset import Dataset
-from pycosim.diagnosis.decide import diagnose
-from pycosim.diagnosis.search import Improvement, step_of
-from pycosim.fit import least_squares
+from pycosim.diagnosis.search import Improvement
 from pycosim.report import charts, consequence, values
-from pycosim.report.folder import Folder
 from pycosim.report.page import SECTIONS, Page, write_numbers, write_report
-from pycosim.study.parse import load_study
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
+def found(searched, tmp_path_factory):
     """A short log of the demo's machine, its search, and the page."""
-    library = Library()
-    with Folder(tmp_path_factory.mktemp("report") / "study", "demo") as folder:
-        demo._make(library, folder, speeds=(0.4, 1.6), longest=2.0)
-    dataset = Dataset(load_study(folder.path / "study.toml"), library)
-    base = least_squares.fit(dataset, dataset.base)
-    first = diagnose(dataset, dataset.base, base)
-    winner = first.winner
-    larger = compile_model(library, dataset.study.rig, [winner.key])
-    steps = [step_of(dataset, dataset.base, base), step_of(dataset, larger, winner.fit, winner)]
-    improvement = Improvement(first, first, steps)
-    path = folder.path / "report.html"
-    return dataset, improvement, path, write_report(path, dataset, improvement, "pycosim report study.toml")
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    return *searched, path, write_report(path, *searched, "pycosim report study.toml")
 
 
 class _Reader(HTMLParser):
