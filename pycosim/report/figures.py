@@ -1,7 +1,7 @@
 """Data set, fitted models and diagnoses in; figures that a paper can print, as vector PDF with a PNG preview, out.
 
-Every curve differs in line style or marker as well as in colour, so that print without colour stays readable. Figures
-carry no titles: what they show is said in the docstrings, which serve as captions.
+Every curve differs in line style or marker as well as in colour, so that print without colour stays readable. A title
+says what a figure shows; its docstring serves as a caption.
 """
 
 from __future__ import annotations
@@ -15,8 +15,11 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from ..core.errors import UnknownNameError, closest
-from ..diagnosis.compare import branches, unit_of, worded
+from ..diagnosis.compare import branches, errors, unit_of, worded
 from ..diagnosis.dependence import explanations, noise_floor
+from ..diagnosis.scores import LEVEL
+from .cards import chance
+from .schematic import coloured, write_schematic
 from .values import (
     _quiet,
     binned,
@@ -73,6 +76,20 @@ class _Numbers(ScalarFormatter):
             self.set_useMathText(False)
 
 
+def _titled(figure, text):
+    """Say what a figure shows, above all else; where a legend stands on top, in it, or they would lie on each other."""
+    style = {"size": 8.5, "weight": "bold"}
+    if figure.legends:
+        figure.legends[0].set_title(text, prop=style)
+    else:
+        figure.suptitle(text, fontproperties=style)
+
+
+def _explained(figure, text):
+    """What the numbers in a figure are, below it."""
+    figure.supxlabel(text, fontsize=6.5)
+
+
 def _format(axes):
     for axis, limits in ((axes.xaxis, (-4, 5)), (axes.yaxis, (-3, 4))):
         if type(axis.get_major_formatter()) is ScalarFormatter:
@@ -106,7 +123,12 @@ def label(dataset, name, symbol=None):
     """
     words = worded(name)
     text = symbol or (words if words != name else _symbol(dataset, name))
-    return f"{text} [{_pretty(unit_of(dataset, name))}]"
+    return _measured(text, unit_of(dataset, name))
+
+
+def _measured(text, unit):
+    """Words of an axis with their unit; a number without unit has none."""
+    return text if unit in ("1", "") else f"{text} [{_pretty(unit)}]"
 
 
 def _symbol(dataset, name):
@@ -229,6 +251,7 @@ def manoeuvres(dataset):
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(label(dataset, _named(dataset, _angles(dataset)[0])))
     axes.set_ylabel(label(dataset, _named(dataset, _angles(dataset)[1])))
+    _titled(figure, "Passes in the plane of the motor angles")
     return figure
 
 
@@ -327,6 +350,7 @@ def over_time(dataset, model, fit, other=None, window=None):
     handles = [*axes[0].get_legend_handles_labels()[0], *axes[1].get_legend_handles_labels()[0], *zones]
     figure.legend(handles=handles, loc="outside upper center", ncols=-(-len(handles) // 2), columnspacing=1.4)
     figure.align_ylabels(axes)
+    _titled(figure, "Model against measurement, where the error is largest")
     return figure
 
 
@@ -418,11 +442,12 @@ def where_it_fails(dataset, model, fit, floor=None):
     axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True, width_ratios=widths))
     for panel, (name, groups) in zip(axes, panels):
         _bars(panel, dataset, groups, floor)
-        panel.set_xlabel(f"{name} [-]")
+        panel.set_xlabel(name)
     axes[0].set_ylabel(f"RMSE [{_units(dataset)}]")
     handles = dict(zip(*reversed(axes[0].get_legend_handles_labels())))
     names = sorted(handles, key=lambda n: n.startswith("noise"))
     figure.legend([handles[n] for n in names], names, loc="outside upper center", ncols=4)
+    _titled(figure, "Where the model fails")
     return figure
 
 
@@ -439,8 +464,8 @@ def _splits(dataset, model, fit, residual, index):
         yield "Run", _rmse(residual, dataset.run[index] + 1)
     elif not split:
         for k, place in enumerate(dataset.base.segments.values()):
-            names = np.where(dataset.speeds[k, index] > 0, f"{place}\nforward", f"{place}\nbackward")
-            yield "Direction of segment", _rmse(residual, names)
+            names = np.where(dataset.speeds[k, index] > 0, f"{place}\nspeed > 0", f"{place}\nspeed < 0")
+            yield "Sign of the speed", _rmse(residual, names)
 
 
 def _floor(dataset, model, fit):
@@ -478,7 +503,7 @@ def residuals(dataset, model, fit, floor=None, over=None, channel=None):
     """Residual against speed, load, angle, time since reversal and time.
 
     Of each kind the variable with the strongest dependence is shown. Mean and standard deviation in bins, apart for the
-    two directions of the segment named in the legend; grey band: the noise floor.
+    two signs of the speed of the segment named in the legend; grey band: the noise floor.
 
     Parameters
     ----------
@@ -520,6 +545,7 @@ def residuals(dataset, model, fit, floor=None, over=None, channel=None):
                 panel.set_xlabel(_capital(label(dataset, variable)))
         axes[c, 0].set_ylabel(f"Residual of {_symbol(dataset, channel)} [{_pretty(unit_of(dataset, channel))}]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    _titled(figure, "What the residual depends on")
     return figure
 
 
@@ -546,11 +572,12 @@ def _scatter(axes, x, y, forward, floor, name):
     if floor is not None:
         axes.axhspan(-floor, floor, color="0.87", lw=0, zorder=0, label="noise floor")
     axes.axhline(0, color="black", lw=0.4, zorder=0)
-    for k, (text, where) in enumerate((("forward", forward), ("backward", ~forward))):
+    for k, (text, where) in enumerate(((">", forward), ("<", ~forward))):
         if where.sum() > 10:
             centre, mean, spread = binned(x[where], y[where])
             axes.errorbar(centre, mean, spread, color=(BLUE, RED)[k], ls=LINES[k], lw=0.8, marker="o^"[k], ms=2.8,
-                          mfc=(BLUE, "white")[k], elinewidth=0.4, label=f"{name} {text}" if name else "all samples")
+                          mfc=(BLUE, "white")[k], elinewidth=0.4,
+                          label=f"speed of {name} {text} 0" if name else "all samples")
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
@@ -590,6 +617,7 @@ def signature(dataset, before, after, key):
         panel.set_xlabel(_capital(_variable_label(dataset, found["variable"])))
         panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2 if panel is axes[0] else 3,
                      columnspacing=1.2)
+    _titled(figure, f"What {key[0].replace('_', ' ')} at {key[1]} looks like")
     return figure
 
 
@@ -635,57 +663,76 @@ def ladder(improvement, dataset):
     axes.set_xticks(at, names, fontsize=6.5)
     axes.set_xlim(-0.4, len(steps) - 0.6)
     axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
-    axes.set_xlabel("Model [-]")
+    axes.set_xlabel("Model")
     axes.set_ylabel(f"RMSE [{_units(dataset)}]")
     count = len(dataset.channels)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=count if count > 1 else 3,
                   columnspacing=1.5)
+    _titled(figure, "The error, effect by effect")
     return figure
 
 
 @_styled
-def candidates(diagnosis, most=10):
-    """The candidates that promise the largest fall of the error, and their family-wise p-values.
+def candidates(diagnosis, most=10, held_out=None):
+    """The error that each of the best candidates would leave by itself, and what became of it.
 
-    Dark: accepted; hatched: not to be told from it on these data.
+    Full bars: on passes that were held out; hatched: expected before any refit.
 
     Parameters
     ----------
     diagnosis : Diagnosis
     most : int
         Candidates to show.
+    held_out : dict of str to float, optional
+        Error of the diagnosed model on held-out passes; without it all bars are expectations.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
-    falls = {f.key: _fall(diagnosis.error, f.predicted_error) for f in diagnosis.candidates}
-    shown = sorted(diagnosis.candidates, key=lambda f: (-f.accepted, -falls[f.key]))[:most]
-    twins = {(t["effect"], t["place"]) for f in diagnosis.candidates if f.accepted for t in f.twins}
-    figure = Figure(figsize=(COLUMN, 0.6 + 0.19 * max(3, len(shown))))
+    left = {f.key: _left(diagnosis, f, held_out) for f in diagnosis.candidates}
+    shown = sorted(diagnosis.candidates, key=lambda f: (not f.accepted, left[f.key][0]))[:most]
+    figure = Figure(figsize=(0.75 * PAGE, 0.9 + 0.19 * max(3, len(shown))))
     axes = figure.subplots()
+    for seen, text in ((True, "on held-out passes"), (False, "expected before a refit")):
+        at = [k for k, f in enumerate(shown) if left[f.key][1] == seen]
+        if at:
+            axes.barh(at, [100 * left[shown[k].key][0] for k in at], 0.7, color=["0.25" if shown[k].accepted and seen
+                      else "0.8" for k in at], edgecolor="black", lw=0.5, hatch="" if seen else "////", label=text)
     for k, f in enumerate(shown):
-        value = max(0.0, 100 * falls[f.key])
-        axes.barh(k, value, 0.7, color="0.25" if f.accepted else "0.8", edgecolor="black", lw=0.5,
-                  hatch="////" if f.key in twins else "")
-        axes.text(value + 1, k, f"$p$ {_p(f.p_value)}", va="center", fontsize=6.5)
+        axes.text(1.02, k, _fate(diagnosis, f), va="center", fontsize=6.5, transform=axes.get_yaxis_transform())
     axes.set_yticks(range(len(shown)), [f"{f.effect.replace('_', ' ')} at {f.place}" for f in shown], fontsize=7)
     axes.tick_params(axis="y", length=0)
     axes.invert_yaxis()
-    axes.set_xlim(0, max(10.0, 125 * max(falls.values(), default=0)))
-    axes.set_xlabel("Predicted fall of the error [%]")
-    axes.set_ylabel("Candidate [-]")
+    axes.axvline(100, color="black", lw=0.8, ls=":")
+    axes.set_xlim(0, 105)
+    axes.set_xlabel("Error left with it alone [% of the error without it]")
+    axes.set_ylabel("Candidate")
+    _titled(figure, "What each candidate would explain")
+    figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
-def _fall(before, after):
-    """Share by which the error falls, over all channels."""
-    keys = [c for c in before if c in after]
-    return 1 - np.sqrt(np.mean([after[c] ** 2 / before[c] ** 2 for c in keys])) if keys else 0.0
+def _left(diagnosis, finding, held_out):
+    """Share of the error that a candidate leaves, over all channels, and whether held-out passes say so."""
+    seen = bool(finding.held_out_error and held_out)
+    before, after = (held_out, finding.held_out_error) if seen else (diagnosis.error, finding.predicted_error)
+    keys = [c for c in before if c in after and before[c]]
+    return (float(np.sqrt(np.mean([after[c] ** 2 / before[c] ** 2 for c in keys]))) if keys else 1.0), seen
 
 
-def _p(value):
-    return "< 0.001" if value < 1e-3 else f"= {value:.2g}"
+def _fate(diagnosis, finding):
+    """What became of a candidate, in a few words."""
+    if finding.accepted:
+        return "accepted"
+    for other in diagnosis.candidates:
+        if other.accepted and any((t["effect"], t["place"]) == finding.key for t in other.twins):
+            return f"not to be told from {other.effect.replace('_', ' ')} at {other.place}"
+    if finding.explained_by:
+        return f"explained by {finding.explained_by['effect'].replace('_', ' ')} at {finding.explained_by['place']}"
+    if finding.p_value >= LEVEL:
+        return f"as large by chance in {chance(finding.p_value)}"
+    return finding.refused or "not needed"
 
 
 @_styled
@@ -723,10 +770,12 @@ def maps(dataset, model, fit, channel=None):
         if share >= 2:
             axes.text(middle[0][column], middle[1][row], f"{share:.0f}", ha="center", va="center", fontsize=6,
                       color="black" if best["rmse"][c][row, column] > half else "white")
+    _explained(figure, "number in a cell: its share of the error's energy in percent")
     figure.colorbar(mesh, ax=axes, label=f"RMSE of {_symbol(dataset, dataset.channels[c])} "
                                          f"[{_pretty(unit_of(dataset, dataset.channels[c]))}]")
     axes.set_xlabel(_capital(label(dataset, x)))
     axes.set_ylabel(_capital(label(dataset, y)))
+    _titled(figure, f"Where the error of {_symbol(dataset, dataset.channels[c])} is")
     return figure
 
 
@@ -762,10 +811,12 @@ def unexplained(dataset, left):
             axes.text(middle[0][column], middle[1][row], text, ha="center", va="center", fontsize=5,
                       color="black" if abs(np.nan_to_num(mean[row, column])) < 0.6 * top else "white")
     channel = left["channel"]
+    _explained(figure, "number in a cell: its share of the energy in percent,\nwith the sign of the mean")
     figure.colorbar(mesh, ax=axes, label=f"Mean residual of {_symbol(dataset, channel)} "
                                          f"[{_pretty(unit_of(dataset, channel))}]")
     axes.set_xlabel(_capital(label(dataset, found["x"])))
     axes.set_ylabel(_capital(label(dataset, found["y"])))
+    _titled(figure, f"What no effect explains in {_symbol(dataset, channel)}")
     return figure
 
 
@@ -793,8 +844,9 @@ def intervals(parameters):
         axes.plot(value, k, "o" if row["sure"] else "x", color=BLUE if row["sure"] else RED, label="_value")
     axes.set_yticks(range(len(rows)), [row["name"] for row in rows], fontsize=7)
     axes.invert_yaxis()
-    axes.set_xlabel("Value over the larger end of its interval [-]")
-    axes.set_ylabel("Parameter [-]")
+    axes.set_xlabel("Value over the larger end of its interval")
+    axes.set_ylabel("Parameter")
+    _titled(figure, "Parameters and their 95 % intervals")
     return figure
 
 
@@ -839,6 +891,8 @@ def write_comparison(folder, dataset, model, fit, other=None):
         save(over_time(dataset, model, fit, other), folder, "over_time")
     save(where_it_fails(dataset, model, fit, floor), folder, "where_it_fails")
     save(residuals(dataset, model, fit, floor), folder, "residuals")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_schematic(folder / "drive_train.svg", model, **coloured(model, errors(dataset, model, fit), dataset.units))
     for channel in dataset.channels:
         figure = maps(dataset, model, fit, channel)
         if figure is not None:
@@ -861,7 +915,7 @@ def write_figures(folder, dataset, improvement):
     left = unexplained(dataset, improvement.last.unexplained) if improvement.last.unexplained else None
     if left is not None:
         save(left, folder, "unexplained")
-    save(candidates(improvement.first), folder, "candidates")
+    save(candidates(improvement.first, held_out=base.held_out_error), folder, "candidates")
     save(ladder(improvement, dataset), folder, "ladder")
     if more:
         for before, after in zip(improvement.steps, improvement.steps[1:]):

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..design.motion import REST, TRANSFER
-from .figures import BLUE, COLUMN, GREEN, GREY, LINES, PAGE, RED, TONES, _styled, save
+from .figures import BLUE, COLUMN, GREEN, GREY, LINES, PAGE, RED, TONES, _styled, _titled, save
 
 WORDS = {"w": "speed [rad/s]", "tau": r"torque [N$\,$m]"}
 
@@ -51,6 +51,7 @@ def workspace(ws):
         axes.text(*beyond, str(k + 1), ha="center", va="center", color=GREEN)
     axes.plot(*centre, "o", color="black", ms=3)
     _label(axes, ws)
+    _titled(figure, "Where the motors can go, and zones of direction")
     return figure
 
 
@@ -113,6 +114,7 @@ def domains(ws):
         for name, set_label in zip(ws.kinematics.joints, (axes.set_xlabel, axes.set_ylabel)):
             set_label(f"{what} of {_axis(name)} [{unit}]")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    _titled(figure, "What the joints can do")
     return figure
 
 
@@ -141,6 +143,7 @@ def motion(plan):
             axes.plot(*s.ends.T, color=TONES[k % len(TONES)], ls=LINES[k % len(LINES)], lw=1.4, marker="|", ms=3)
         _label(axes, ws)
     _over_time(figure, grid, plan, int(plane))
+    _titled(figure, "The planned motion")
     return figure
 
 
@@ -188,6 +191,7 @@ def intervals(plan):
     axes.invert_yaxis()
     axes.set_xlabel("width of the 95 % interval over nominal size")
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.1)
+    _titled(figure, "What the experiment would bring")
     return figure
 
 

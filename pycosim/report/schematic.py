@@ -187,6 +187,28 @@ def named(model, channels):
     return found
 
 
+def coloured(model, error, units):
+    """What `schematic` takes to colour places by the errors measured there.
+
+    Parameters
+    ----------
+    model : Model
+    error : dict of str to float
+        By channel.
+    units : dict of str to str
+        Of the channels.
+
+    Returns
+    -------
+    dict
+        ``values`` and ``unit``: of the channels in the unit that most have, as errors in N.m and in rad do not compare.
+    """
+    kinds = [units[c] for c in error]
+    unit = max(dict.fromkeys(kinds), key=kinds.count, default="")
+    return {"values": named(model, {c: v for c, v in error.items() if units[c] == unit}),
+            "unit": "" if unit == "1" else unit}
+
+
 # --- graph ----------------------------------------------------------------------------------------------------------
 
 

@@ -1,6 +1,7 @@
 """Claims about figures: axes say what they show and in which unit, no peak of a long log is lost, files are written."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ import pytest
 from pycosim.cli import demo
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
+from pycosim.diagnosis import compare
 from pycosim.diagnosis.dependence import noise_floor
 from pycosim.fit import least_squares
+from pycosim.fit.nullspace import number
 from pycosim.project import Search, open_project
 from pycosim.report import charts, figures, records, sentences
 from pycosim.report.values import PIXELS, envelope
@@ -38,17 +41,35 @@ def _all(dataset, improvement):
         "ladder": figures.ladder(improvement, dataset), "candidates": figures.candidates(improvement.first)}
 
 
-def test_every_axis_has_a_label_with_a_unit_and_no_figure_a_title(dataset, improvement):
+NAMES = ("Manoeuvre", "Branch of segment", "Run", "Model", "Candidate", "Parameter", "Log", "Sign of the speed",
+         "Value over the larger end of its interval")  # axes of names and of ratios: no unit
+
+
+def test_every_axis_has_a_label_with_a_unit_where_there_is_one_and_every_figure_a_title(dataset, improvement):
     for name, figure in _all(dataset, improvement).items():
         assert figure.get_size_inches()[0] <= figures.PAGE
+        titles = [figure.get_suptitle(), *(legend.get_title().get_text() for legend in figure.legends)]
+        assert max(map(len, titles)) > 10, name
         for axes in figure.axes:
-            assert not axes.get_title() and not figure.get_suptitle(), name
+            assert not axes.get_title(), name
             if axes.get_label() == "<colorbar>":
                 assert re.search(r"\[.+\]$", axes.get_ylabel()), name
                 continue
             bottom, left = axes.get_subplotspec().is_last_row(), axes.get_subplotspec().is_first_col()
             for text, needed in ((axes.get_xlabel(), bottom), (axes.get_ylabel(), left)):
-                assert not needed or re.search(r"\[.+\]$", text), f"{name}: '{text}'"
+                assert not needed or text in NAMES or re.search(r"\[[^-1].*\]$", text), f"{name}: '{text}'"
+
+
+def test_candidates_are_told_apart_by_what_they_leave_and_what_became_of_them(improvement):
+    base, last = improvement.steps
+    told = [replace(c, held_out_error=last.held_out_error) if c.accepted else c for c in improvement.first.candidates]
+    figure = figures.candidates(replace(improvement.first, candidates=told), held_out=base.held_out_error)
+    fates = [t.get_text() for t in figure.axes[0].texts]
+    bars = {round(p.get_y() + p.get_height() / 2): p.get_width() for p in figure.axes[0].patches}
+    assert fates[0] == "accepted" and "explained by stribeck at 2A" in fates
+    assert len(bars) == len(fates) and bars[0] == min(bars.values()) < 70
+    assert bars[0] == pytest.approx(100 * np.sqrt(np.mean([last.held_out_error[c] ** 2 / v ** 2
+                                                           for c, v in base.held_out_error.items()])))
 
 
 def test_curves_differ_without_colour(dataset, improvement):
@@ -95,6 +116,10 @@ def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
     for name in ("manoeuvres", "over_time", "where_it_fails", "residuals", "signature", "ladder", "candidates"):
         assert {f"{name}.pdf", f"{name}.png"} <= written
     assert all(p.stat().st_size > 5000 for p in (tmp_path / "figures").iterdir())
+    drawing = (tmp_path / "figures" / "drive_train.svg").read_text()
+    base = improvement.steps[0]
+    error = compare.errors(dataset, base.model, base.fit)
+    assert all(f">{number(v)} N.m</text>" in drawing for v in error.values()) and len(error) == 2
 
 
 def test_the_demo_tells_what_was_found_and_what_was_hidden(dataset, improvement):
@@ -130,7 +155,7 @@ def test_where_every_run_is_one_sample_no_noise_floor_is_drawn_or_told(tmp_path)
     assert np.isnan(floor["tau"]) and sentences.errors_text(floor, means.units) == "unknown"
     figures.write_comparison(tmp_path, means, means.base, fit)
     bars = figures.where_it_fails(means, means.base, fit)
-    assert [t.get_text() for t in bars.axes[0].get_xticklabels()] == ["screw\nbackward", "screw\nforward"]
+    assert [t.get_text() for t in bars.axes[0].get_xticklabels()] == ["screw\nspeed < 0", "screw\nspeed > 0"]
     assert not bars.axes[0].get_lines() and "means held out" in sentences.summary_data(means)[0]
 
 
