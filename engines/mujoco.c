@@ -1,6 +1,6 @@
 /* A drive as an actuator plugin of MuJoCo. Before this come, generated: DRIVE (identifier), DRIVE_NAME, sizes NM
    (motors), NX (friction states), NP (parameters), NQ (what they alone ask for), drive_names, drive_start, drive_low,
-   drive_high, and the law: drive_prepare, drive_implicit, drive_follow.
+   drive_high, and the law: drive_prepare, and, as loops over drives, drive_implicit and drive_follow.
 
    One instance has one or many drives: its actuators in their order, NM a drive. An actuator's length is its motor's
    angle, its control drives the motor, its force is the torque at that angle. What a step of h changes the bodies'
@@ -27,9 +27,10 @@ typedef struct {
   double q[NQ];
   double *lower, *upper, *inverse;       /* the matrix, then its factors; columns up to the diagonal; 1 / pivots */
   double *push, *left, *change, *next;   /* forces; what x still misses, its correction, what the next misses */
-  double *v, *tau, *slope;               /* of the actuators: speed, torque, slope (n x NM) */
+  double *phi, *w, *u;                   /* of the actuators at the start of a step: angle, speed, control */
+  double *v, *tau, *slope;               /* at its end: speed, torque, slope (n x NM) */
   double *turn, *line;                   /* their correction of the speed, and of the torque along a straight line */
-  double *trial, *trial_tau, *trial_slope, *spare;
+  double *trial, *trial_tau, *trial_slope, *spare, *after;
 } Drive;
 
 static int count(const mjModel *m, int instance) {
@@ -97,7 +98,7 @@ static int init(const mjModel *m, mjData *d, int instance) {
   Drive *e = (Drive *)calloc(1, sizeof(Drive));
   d->plugin_data[instance] = (uintptr_t)e;
   if (e) e->output = (int *)calloc(2 * (size_t)n + 4 * (size_t)nv + 1, sizeof(int));
-  if (e) e->push = (double *)calloc(5 * (size_t)nv + (7 + 2 * NM) * (size_t)n + 1, sizeof(double));
+  if (e) e->push = (double *)calloc(5 * (size_t)nv + (10 + 2 * NM + NX) * (size_t)n + 1, sizeof(double));
   if (!e || !e->output || !e->push || !room(e, m->nC) || !configure(m, instance, e)) {
     destroy(d, instance);
     return -1;
@@ -108,7 +109,8 @@ static int init(const mjModel *m, mjData *d, int instance) {
   e->left = e->push + nv, e->change = e->left + nv, e->next = e->change + nv, e->inverse = e->next + nv;
   e->v = e->inverse + nv, e->tau = e->v + n, e->turn = e->tau + n, e->line = e->turn + n, e->trial = e->line + n;
   e->trial_tau = e->trial + n, e->spare = e->trial_tau + n, e->slope = e->spare + n;
-  e->trial_slope = e->slope + n * NM;
+  e->trial_slope = e->slope + n * NM, e->phi = e->trial_slope + n * NM, e->w = e->phi + n, e->u = e->w + n;
+  e->after = e->u + n;
   memcpy(e->length, m->M_rownnz, nv * sizeof(int));
   memcpy(e->start, m->M_rowadr, nv * sizeof(int));
   memcpy(e->column, m->M_colind, m->nC * sizeof(int));
@@ -262,17 +264,9 @@ static void see_bodies(const mjModel *m, mjData *d, int instance, Drive *e, cons
 }
 
 /* Torques and their slopes at speeds. */
-static void ask(const mjModel *m, const mjData *d, const Drive *e, const double *states, const double *v, double *tau,
+static void ask(const mjData *d, const Drive *e, const double *states, double h, const double *v, double *tau,
                 double *slope) {
-  double phi[NM], w[NM], u[NM];
-  for (int i = 0; i < e->n; i += NM) {
-    for (int k = 0; k < NM; ++k) {
-      phi[k] = d->actuator_length[e->output[i + k]];
-      w[k] = d->actuator_velocity[e->output[i + k]];
-      u[k] = d->ctrl[e->control[i + k]];
-    }
-    drive_implicit(v + i, states + i / NM * NX, phi, w, u, d->time, m->opt.timestep, e->q, tau + i, slope + i * NM);
-  }
+  drive_implicit(e->n / NM, v, states, e->phi, e->w, e->u, d->time, h, e->q, tau, slope);
 }
 
 /* What correction x of the bodies' speeds turns the actuators by; the largest, relative to the speed. */
@@ -304,10 +298,10 @@ static double correct(const mjModel *m, const mjData *d, Drive *e, double h) {
 }
 
 /* Torques after a share of the correction, and what is left then; how far they are off the line, over the largest. */
-static double attempt(const mjModel *m, const mjData *d, Drive *e, const double *states, double share, double h) {
+static double attempt(const mjData *d, Drive *e, const double *states, double share, double h) {
   double off = 0, largest = 0;
   for (int k = 0; k < e->n; ++k) e->trial[k] = e->v[k] + share * e->turn[k];
-  ask(m, d, e, states, e->trial, e->trial_tau, e->trial_slope);
+  ask(d, e, states, h, e->trial, e->trial_tau, e->trial_slope);
   for (int i = 0; i < e->nv; ++i) e->next[i] = (1 - share) * e->left[i];
   for (int k = 0; k < e->n; ++k) {
     const double bent = e->trial_tau[k] - e->tau[k] - share * e->line[k], size = fabs(e->trial_tau[k]);
@@ -326,8 +320,12 @@ static void swap(double **a, double **b) {
 /* Torques at the speeds that they lead to. */
 static void solve(const mjModel *m, const mjData *d, Drive *e, const double *states) {
   const double h = m->opt.timestep;
-  for (int k = 0; k < e->n; ++k) e->v[k] = d->actuator_velocity[e->output[k]];
-  ask(m, d, e, states, e->v, e->tau, e->slope);
+  for (int k = 0; k < e->n; ++k) {
+    e->phi[k] = d->actuator_length[e->output[k]];
+    e->v[k] = e->w[k] = d->actuator_velocity[e->output[k]];
+    e->u[k] = d->ctrl[e->control[k]];
+  }
+  ask(d, e, states, h, e->v, e->tau, e->slope);
   for (int k = 0; k < e->n; ++k) add_moment(d, e->output[k], e->tau[k], e->push);
   for (int i = 0; i < e->nv; ++i) e->left[i] = h * e->push[i];
   for (int k = 0; k < MOST; ++k) {
@@ -338,7 +336,7 @@ static void solve(const mjModel *m, const mjData *d, Drive *e, const double *sta
       return;
     }
     for (;;) {
-      off = attempt(m, d, e, states, share, h);
+      off = attempt(d, e, states, share, h);
       if (k < PLAIN || share < 0.01) break;
       memcpy(e->change, e->next, e->nv * sizeof(double));
       backward(e, e->change);
@@ -363,12 +361,11 @@ static void compute(const mjModel *m, mjData *d, int instance, int capability) {
 /* Friction states follow what the step moved; what the constraints did is kept for the next. */
 static void advance(const mjModel *m, mjData *d, int instance) {
   const Drive *e = (const Drive *)d->plugin_data[instance];
-  double *states = d->plugin_state + m->plugin_stateadr[instance], *constrained = states + e->n / NM * NX;
-  double mean[NM];
-  for (int i = 0; i < e->n; i += NM) {
-    for (int k = 0; k < NM; ++k) mean[k] = along(d, e->output[i + k], d->qvel);
-    drive_follow(mean, states + i / NM * NX, m->opt.timestep, e->q, states + i / NM * NX);
-  }
+  const int drives = e->n / NM;
+  double *states = d->plugin_state + m->plugin_stateadr[instance], *constrained = states + drives * NX;
+  for (int k = 0; k < e->n; ++k) e->v[k] = along(d, e->output[k], d->qvel);
+  drive_follow(drives, e->v, states, m->opt.timestep, e->q, e->after);
+  memcpy(states, e->after, (size_t)drives * NX * sizeof(double));
   if (d->nefc) memcpy(constrained, d->qfrc_constraint, e->nv * sizeof(double));
   else memset(constrained, 0, e->nv * sizeof(double));
 }
