@@ -1,4 +1,5 @@
-"""Claims about the report in a browser: it opens from a file, its charts hold data, zoom keeps peaks, themes change."""
+"""Claims about the report in a browser: its answer stands first, readable on any screen, in any theme, without script;
+its charts hold data, zoom keeps peaks."""
 
 import csv
 
@@ -12,6 +13,69 @@ def opened(page, report):
     page.goto(report.as_uri())
     page.wait_for_selector("html[data-ready=true]")
     return page
+
+
+CONTRAST = """() => {
+  const light = c => { const [r, g, b] = c.match(/[\\d.]+/g).map(v => v / 255).map(
+      v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
+  const paper = light(getComputedStyle(document.body).backgroundColor);
+  return [...document.querySelectorAll("#verdict text, #verdict p, #verdict h2, #verdict dt, #verdict td")].map(e => {
+    const style = getComputedStyle(e), ink = light(e.tagName === "text" ? style.fill : style.color);
+    return (Math.max(ink, paper) + 0.05) / (Math.min(ink, paper) + 0.05);
+  });
+}"""
+
+
+def test_the_answer_and_its_place_are_on_the_first_screen(opened):
+    assert "The model lacks stribeck at 2A" in opened.locator("#answer").inner_text()
+    marked = opened.locator("#verdict .drive-wide rect[stroke-width='3.5']")
+    assert marked.count() == 1
+    for part in (opened.locator("#answer"), marked, opened.locator("#verdict dt").first):
+        box = part.bounding_box()
+        assert 0 <= box["y"] and box["y"] + box["height"] < 900
+    assert opened.locator("nav").bounding_box()["y"] > opened.locator("#verdict dl").bounding_box()["y"]
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_every_word_of_the_answer_is_readable(opened, theme):
+    opened.emulate_media(color_scheme=theme)
+    assert opened.evaluate("document.documentElement.dataset.theme") == theme
+    found = opened.evaluate(CONTRAST)
+    assert len(found) > 40 and min(found) >= 4.5
+
+
+def test_on_a_phone_the_drive_train_runs_down_and_nothing_is_wider_than_the_screen(page, report):
+    page.set_viewport_size({"width": 390, "height": 800})
+    page.goto(report.as_uri())
+    page.wait_for_selector("html[data-ready=true]")
+    assert page.locator(".drive-narrow").is_visible() and not page.locator(".drive-wide").is_visible()
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    small = page.evaluate("""[...document.querySelectorAll("#verdict .drive-narrow text")].map(
+        t => t.getBoundingClientRect().height)""")
+    assert min(small) >= 9
+
+
+def test_the_answer_needs_no_script_and_prints(browser, report):
+    context = browser.new_context(viewport={"width": 1000, "height": 1200}, java_script_enabled=False)
+    page = context.new_page()
+    page.goto(report.as_uri())
+    page.emulate_media(media="print")
+    assert page.locator("#answer").is_visible() and page.locator("#verdict .drive-wide svg").is_visible()
+    assert page.locator("#verdict dt").count() >= 7 and not page.locator("nav").is_visible()
+    context.close()
+
+
+def test_the_charts_open_on_the_variable_that_is_to_blame(opened):
+    for chooser in ("#maps", "#profiles"):
+        assert "speed of 2A" in opened.locator(f"{chooser} {DRAWN} .charttitle").inner_text()
+
+
+def test_long_tables_are_folded_and_open_with_the_keyboard(opened):
+    fold = opened.locator("#next details").last
+    assert not fold.locator("table").is_visible()
+    fold.locator("summary").focus()
+    opened.keyboard.press("Enter")
+    assert fold.locator("table").is_visible()
 
 
 def test_every_shown_chart_has_data(opened):
