@@ -23,12 +23,19 @@ if str(ROOT) not in sys.path:
 import pycosim  # noqa: E402
 from pycosim import cli  # noqa: E402
 from pycosim.cli import new, parser  # noqa: E402
-from pycosim.compile import Library, catalogue, places  # noqa: E402
+from pycosim.compile import Library, catalogue, compile_model, places  # noqa: E402
 from pycosim.compile.effects import annotation  # noqa: E402
 from pycosim.compile.parse import LIBRARY  # noqa: E402
+from pycosim.report.schematic import schematic  # noqa: E402
 from pycosim.study import schema  # noqa: E402
 
 RIG = "DriveTrain.Rigs.HipKnee"
+EXAMPLES = {"Barrier": "examples/barrier/Barrier.mo",  # rigs of users' own, by the file that holds them
+            "DoublePendulum": "examples/double_pendulum/DoublePendulum.mo"}
+COLUMN = 800  # of the site's text [px]; a longer drive train is drawn from top to bottom
+# the colours of the site, in its light and in its dark scheme
+COLOURS = ("--paper: var(--md-default-bg-color); --muted: var(--md-default-fg-color--light); "
+           "--bad: var(--md-accent-fg-color); overflow-x: auto")
 MODELICA = ("Components", "Effects", "Rigs", "Examples", "Interfaces", "UsersGuide")
 # Where the docstring of `Study` has a key under another name than the file
 NAMED = {"model": "rig", "label": "labels"}
@@ -94,6 +101,7 @@ def pages(library):
     yield "reference/command-line.md", "\n".join(_command_line())
     yield "reference/study.md", "\n".join(_study(library))
     yield "reference/effects.md", "\n".join(_effects(library))
+    yield "reference/rigs.md", "\n".join(_rigs())
     for package in MODELICA:
         yield f"reference/modelica/{package.lower()}.md", "\n".join(_package(library, package))
     for module in modules():
@@ -281,6 +289,28 @@ def _effects(library):
         yield f"- Equations: [{path.stem}](modelica/effects.md#{path.stem})."
         yield (f"\n![Signature of {effect.id}: {effect.description[0].lower()}{effect.description[1:]}]"
                f"(../images/effects/{effect.id}.png)")
+
+
+# --- rigs -----------------------------------------------------------------------------------------------------------
+
+
+def _rigs():
+    """Every rig: what it is, its drawing, its places."""
+    yield ("# Rigs\n\nThe machines of the library, and those of the examples, drawn from their connections: power runs "
+           "from the motors on, hatching is what stands still, dashed lines are what a part is carried by. The names "
+           "are the places of effects. `pycosim.report.schematic` draws any rig like this, and a report marks what is "
+           "missing.\n")
+    library = Library([ROOT / path for path in EXAMPLES.values()])
+    rigs = [n for n in library.walk() if n.startswith("DriveTrain.Rigs.")]
+    for rig in [*rigs, *EXAMPLES]:
+        model = compile_model(library, rig)
+        found = {p.name for effect in catalogue(library).values() for p in places(library, rig, effect)}
+        yield f"\n## {rig.rpartition('.')[2]}\n\n{str(library.find(rig).comment).strip(chr(34))}."
+        drawing = schematic(model)
+        if int(re.search(r'viewBox="0 0 (\d+)', drawing)[1]) > COLUMN:
+            drawing = schematic(model, down=True)
+        yield f"\n<div style=\"{COLOURS}\">{drawing}</div>"
+        yield f"\nPlaces: {', '.join(f'`{name}`' for name in sorted(found))}. Class: `{rig}`."
 
 
 def _cell(text):

@@ -169,5 +169,9 @@
     drawAll();
   });
   dark.addEventListener("change", () => { root.dataset.theme = dark.matches ? "dark" : "light"; drawAll(); });
+  // Paper is white.
+  let shown = null;
+  window.addEventListener("beforeprint", () => { shown = theme(); if (shown === "dark") { root.dataset.theme = "light"; drawAll(); } });
+  window.addEventListener("afterprint", () => { if (shown === "dark") { root.dataset.theme = shown; drawAll(); } });
   await open();
 })();

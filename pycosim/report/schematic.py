@@ -21,6 +21,7 @@ NARROWEST, WIDEST, LETTER, SMALL = 92, 150, 7.8, 5.9  # of a box, and of a lette
 BESIDE, AFTER = 36, 8  # room for a box's sign, and after its words [px]
 MARGIN, ELBOW, RAIL = 12, GAP / 2, 38  # around all, before a box where a line turns, and below one [px]
 LOW, HIGH = 0.08, 0.42  # opacity of the colour of the least and the largest value: ink stays readable on both
+PALE = 0.12  # opacity of the colour of what is marked
 SWEEPS = 5  # over the layers, to put each part beside what it is connected with; the last follows the flow of power
 THIN = 0.5  # room that a line needs beside a box, of a row
 SNAP = 4  # positions of boxes across the flow, a row
@@ -456,10 +457,12 @@ def _box(box, spot, width, mark, value, top, unit):
     found = [f"<g><title>{escape(box.title or box.name)}</title>",
              f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{HEIGHT}" rx="5" fill="{PAPER}" '
              f'{stroke}{dash}/>']
-    if value is not None:
-        share = abs(value) / top if top else 0.0
-        found.append(f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{HEIGHT}" rx="5" fill="{TINT}" '
-                     f'fill-opacity="{LOW + (HIGH - LOW) * share:.3f}"/>')
+    tint = TINT, LOW + (HIGH - LOW) * (abs(value) / top if top else 0.0) if value is not None else 0.0
+    if marked and value is None:
+        tint = ACCENT, PALE
+    if tint[1]:
+        found.append(f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{HEIGHT}" rx="5" fill="{tint[0]}" '
+                     f'fill-opacity="{tint[1]:.3f}"/>')
     if box.grounded:
         found.append(_ground(x + width - 18, y + HEIGHT))
     found.append(f'<g transform="translate({x + 18:.1f},{spot[1]:.1f})" fill="none" stroke="currentColor" '
@@ -543,7 +546,7 @@ def figure(model, **options):
 
 
 STYLE = (".drive-narrow{display:none}"
-         "@media (max-width:700px){.drive-wide{display:none}.drive-narrow{display:block}}")
+         "@media screen and (max-width:820px){.drive-wide{display:none}.drive-narrow{display:block}}")
 
 
 def write_schematic(path, model, **options):

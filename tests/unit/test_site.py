@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pycosim.cli.parser import VERBS
-from pycosim.compile import Library, catalogue
+from pycosim.compile import Library, catalogue, compile_model
 
 ROOT = Path(__file__).parents[2]
 
@@ -62,6 +62,18 @@ def test_every_effect_has_its_coefficients_and_its_picture(site):
             assert re.search(rf"<td><code>{coefficient}</code></td>\s*<td>{re.escape(unit)}</td>", section), name
         assert f'src="../images/effects/{name}.png"' in section
         assert (site / "images" / "effects" / f"{name}.png").is_file()
+
+
+def test_every_rig_is_drawn_with_its_segments(site):
+    text = (site / "reference" / "rigs.html").read_text(encoding="utf-8")
+    sections = dict(re.findall(r'<h2 id="(\w+)">(.*?)(?=<h2|</article>)', text, re.S))
+    library = Library()
+    rigs = [n for n in library.walk() if n.startswith("DriveTrain.Rigs.")]
+    assert {n.rpartition(".")[2].lower() for n in rigs} < set(sections)
+    for rig in rigs:
+        section = sections[rig.rpartition(".")[2].lower()]
+        assert section.count("<svg") == 1
+        assert all(f">{place}</text>" in section for place in compile_model(library, rig).segments.values())
 
 
 def test_every_modelica_class_is_there_with_the_units_of_its_parameters(site):
