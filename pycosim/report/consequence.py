@@ -56,10 +56,10 @@ def _rated_of_place(dataset, model, key, unit):
     for channel in dataset.channels:
         if component_of(model, channel) in place.components and unit_of(dataset, channel) == unit:
             return rated(dataset, channel)
-    found = [rated(dataset, f"{motor}.tau") for motor in upstream(model, key[1])
-             if model.variables.get(f"{motor}.tau") is not None and model.variables[f"{motor}.tau"].unit == unit]
-    found = [f for f in found if f is not None]
-    return max(found) if found else None
+    motors = upstream(model, key[1])
+    names = [f"{m}.tau" for m in motors] + [c for c in dataset.channels if component_of(model, c) in motors]
+    found = [rated(dataset, n) for n in names if unit_of(dataset, n) == unit]
+    return max((f for f in found if f is not None), default=None)
 
 
 def rated(dataset, name):
@@ -142,9 +142,10 @@ def feedforward(dataset, first, last):
     Returns
     -------
     dict of str to dict
-        By motor torque: ``unit``, ``rated`` (of `rated`), ``error`` and ``heat`` (relative error of the mean square, to
-        which the heat in a winding is in proportion), each before and after, over held-out moving samples where there
-        are any; empty where the rig or the log cannot answer, or the effects change nothing of it.
+        By motor torque: ``unit``, ``rated`` (of `rated`), ``told`` (it is a channel, and compared already), ``error``
+        and ``heat`` (relative error of the mean square, to which the heat in a winding is in proportion), each before
+        and after, over held-out moving samples where there are any; empty where the rig or the log cannot answer, or
+        the effects change nothing of it.
     """
     answers = [_needed(dataset, *m) for m in (first, last)]
     if not all(answers):
@@ -154,10 +155,13 @@ def feedforward(dataset, first, last):
     found = {}
     for name in answers[0]:
         given = dataset.measured[name][held]
+        if unit_of(dataset, name) != dataset.base.along("N.m"):
+            continue  # a voltage: its square is no heat
         error = [float(np.sqrt(np.mean((a[name][held] - given) ** 2))) for a in answers]
         heat = [float(np.mean(a[name][held] ** 2) / np.mean(given ** 2) - 1) for a in answers]
         if np.isfinite([*error, *heat]).all() and abs(error[1] - error[0]) > CHANGED * error[0]:
-            found[name] = {"unit": unit_of(dataset, name), "rated": rated(dataset, name), "error": error, "heat": heat}
+            found[name] = {"unit": unit_of(dataset, name), "rated": rated(dataset, name), "error": error, "heat": heat,
+                           "told": name in dataset.channels}
     return found
 
 
@@ -169,8 +173,10 @@ def _needed(dataset, model, fit):
     known = {**dataset.measured, **dataset.signals}
     question = model.question("compensate")
     given = {n: known[n] for n in question.inputs if n in known and n != "time"}
-    if any(n not in dataset.measured or n in dataset.channels for n in asked):
-        return None  # not logged, or compared already
+    if any(n not in dataset.measured for n in asked):
+        return None
+    if all(n in dataset.channels for n in asked):
+        return values.outputs(dataset, model, fit)
     try:
         parts = [compensate(model, {n: v[dataset.run == k] for n, v in given.items()}, dataset.time[dataset.run == k],
                             {n: fit.parameters[n] for n in model.parameters if n in fit.parameters})

@@ -141,8 +141,9 @@ class Page:
         d = self.dataset
         reference = {"sensor": "measured by a sensor", "gravity_model": "computed from the leg's weight",
                      "unknown": "not said in the study"}[d.study.reference]
-        lines = [*sentences.summary_data(d), *sentences.summary_doubt(d, self.found.steps[0].fit),
-                 f"Noise floor: {self._errors(self.floor)}: no model of this kind could get below it."]
+        lines = [*sentences.summary_data(d), *sentences.summary_doubt(d, self.found.steps[0].fit)]
+        lines += [f"Noise floor: {self._errors(self.floor)}: no model of this kind could get below it." if self.floor
+                  else "Noise floor: unknown, as nothing in these data shows how samples scatter."]
         if not d.paired:
             lines.append(f"Where the reference comes from: {reference}.")
         rows = [(log.name, len(log.time), f"{log.time[-1] - log.time[0]:.4g}",

@@ -16,6 +16,7 @@ from . import cards, consequence, findings, schematic, sentences
 SURE = ((1e-3, "As sure as this test can be"), (1e-2, "Very likely"), (0.05, "Likely"))  # largest p-value, in words
 MOST = 5  # experiments that are listed
 COOL = 1e-3  # error of a predicted heat that is none
+UNSEEN = 1e-6  # of what is rated, below which an effect acts only while samples do not move, as presliding
 HIDING = 3  # effects that could still hide, in the card
 
 
@@ -49,7 +50,9 @@ class Verdict:
             ``verdict``; ``title``; ``findings`` of the data check, as (blocking, sentence, mend); ``drawing`` (HTML,
             trusted); ``rows`` of a heading, its sentences, and a table or None.
         """
-        rows = [("What is missing", self._what()), ("How large", self._large()), ("How sure", self._sure()),
+        several = len(self.added) > 1
+        rows = [("What is missing", [], self._effects()) if several else ("What is missing", self._what()),
+                ("How large", [] if several else self._large()), ("How sure", [] if several else self._sure()),
                 ("Error before and after" if self.added else "Error", self._error(), self._errors()),
                 ("What else it could be", self._else()), ("What it changes", self._changes()),
                 ("What is left", self._left()), ("Next experiment", self.experiments()[:1])]
@@ -75,8 +78,9 @@ class Verdict:
         str
         """
         if self.added:
-            names = sentences.joined([_named(*s.added) for s in self.added])
-            return f"The model lacks {names}"
+            first, more = _named(*self.added[0].added), len(self.added) - 1
+            second = f" and {_named(*self.added[1].added)}" if more == 1 else ""
+            return f"The model lacks {first}{second or (f' and {more} more effects' if more else '')}"
         return {"nothing_missing": "Nothing is missing that these data could show",
                 "unexplained": "Something is missing that no effect of the library explains",
                 "not_enough_excitation": "These data move too little, or too much alike, to tell",
@@ -86,9 +90,9 @@ class Verdict:
         marks = {}
         for step in self.added:
             effect, place = step.added
-            for name in [place] if place in self.dataset.base.aliases("channels") else place.split("+"):
-                marks[name] = " + ".join(filter(None, [marks.get(name), effect.replace("_", " ")]))
-        return marks
+            for name in schematic.components(self.dataset.base, place):
+                marks.setdefault(name, []).append(effect.replace("_", " "))
+        return {n: some[0] if len(some) == 1 else f"{len(some)} effects" for n, some in marks.items()}
 
     # ---- rows
 
@@ -102,28 +106,38 @@ class Verdict:
             text = f"At {place}: {consequence.words_of_effect(self.library, effect)}"
             lines.append(f"{text}; {', '.join(numbers)}." if numbers else f"{text}.")
         if not self.added and self.first["verdict"] == "unexplained":
-            depends = [d for d in self.first["residual_depends_on"] if d["strength"] > 0][:2]
-            if depends:
-                names = [f"{sentences.worded(d['variable'])} ({100 * d['strength']:.0f} % of its energy)"
-                         for d in depends]
-                lines.append(f"What is left depends most on {sentences.joined(names)}.")
-            left = self.first.get("unexplained")
-            lines += [left["proposal"]["text"]] if left and left.get("proposal") else []
+            lines += self._unknown(self.first)
         return lines
+
+    def _unknown(self, told):
+        """What a residual that no effect explains depends on, and a guess of its shape."""
+        depends = [f"{sentences.worded(d['variable'])} ({100 * d['strength']:.0f} % of its energy)"
+                   for d in told["residual_depends_on"] if d["strength"] > 0][:2]
+        lines = [f"What is left depends most on {sentences.joined(depends)}."] if depends else []
+        left = told.get("unexplained")
+        return lines + ([left["proposal"]["text"]] if left and left.get("proposal") else [])
+
+    def _effects(self):
+        """Table of several effects: what each is, how large and how sure, in the order of the search."""
+        rows = []
+        for step, size in zip(self.added, self._sizes()):
+            rows.append((_named(*step.added), consequence.words_of_effect(self.library, step.added[0]), _amount(size),
+                         f"{100 * size['share']:.2g} % of {size['of']}" if (size["share"] or 0) > UNSEEN else "",
+                         cards.chance(step.finding.p_value) if step.finding is not None else ""))
+        return {"caption": f"In the order in which they were found, among {self.tested} effects and places tested",
+                "header": ("effect", "what it is", "up to", "that is", "chance alone does as much in"), "rows": rows}
 
     def _large(self):
-        lines = []
-        for before, step in zip(self.steps, self.added):
-            found = consequence.size(self.dataset, (before.model, before.fit), (step.model, step.fit), step.added)
-            lines.append(f"{_size(found)}." if len(self.added) == 1 else f"{_named(*step.added)}: {_size(found)}.")
-        return lines
+        return [f"{_size(found)}." for found in self._sizes()]
+
+    def _sizes(self):
+        """Size of every effect that was added."""
+        pairs = [((a.model, a.fit), (b.model, b.fit), b.added) for a, b in zip(self.steps, self.added)]
+        return [consequence.size(self.dataset, *pair) for pair in pairs]
 
     def _sure(self):
-        lines = []
-        for step in self.added:
-            if step.finding is not None:
-                text = f"{_certainty(step.finding.p_value)}, among all {self.tested} effects and places tested"
-                lines.append(f"{text}." if len(self.added) == 1 else f"{_named(*step.added)}: {text}.")
+        lines = [f"{_certainty(s.finding.p_value)}, among all {self.tested} effects and places tested."
+                 for s in self.added if s.finding is not None]
         best = min(self.first["candidates"], key=lambda c: c["p_value"], default=None)
         if not self.added and best and self.first["verdict"] == "nothing_missing":
             lines.append(f"Of {self.tested} effects and places tested the likeliest is "
@@ -157,13 +171,19 @@ class Verdict:
     def _else(self):
         lines = []
         for step in self.added:
-            twins = step.finding.twins if step.finding is not None else []
+            twins = self._alternatives(step)
             if twins:
                 names = sentences.joined([_named(t["effect"], t["place"]) for t in twins])
                 lines.append(f"These data cannot tell {_named(*step.added)} from {names}.")
         if self.added and not lines:
             lines.append("Nothing else in the library explains these data as well.")
         return lines
+
+    def _alternatives(self, step):
+        """What the data cannot tell an added effect from, without what was added as well."""
+        added = {s.added for s in self.added}
+        twins = step.finding.twins if step.finding is not None else []
+        return [t for t in twins if (t["effect"], t["place"]) not in added]
 
     def _changes(self):
         first, last = self.steps[0], self.steps[-1]
@@ -173,12 +193,16 @@ class Verdict:
         lines = []
         for name, f in found.items():
             before, after = f["error"]
-            text = (f"A controller that feeds the model forward leaves {number(before)} → {number(after)} {f['unit']} "
-                    f"RMS of {consequence.logged(self.dataset, name)} to its feedback, and its tracking error shrinks "
-                    "as that does")
-            if f["rated"]:
-                top, what = f["rated"]
-                text += f" ({100 * before / top:.2g} → {100 * after / top:.2g} % of {what})"
+            column = consequence.logged(self.dataset, name)
+            if f["told"]:
+                text = (f"The error of {name} above is what a controller that feeds the model forward leaves to its "
+                        "feedback, and its tracking error shrinks as that does")
+            else:
+                text = (f"A controller that feeds the model forward leaves {number(before)} → {number(after)} "
+                        f"{f['unit']} RMS of {column} to its feedback, and its tracking error shrinks as that does")
+                if f["rated"]:
+                    top, what = f["rated"]
+                    text += f" ({100 * before / top:.2g} → {100 * after / top:.2g} % of {what})"
             heat = [f"{100 * abs(h):.2g} % too {'high' if h > 0 else 'low'}" if abs(h) >= COOL else
                     f"right to {100 * COOL:g} %" for h in f["heat"]]
             lines.append(f"{text}. The heat in the winding that it predicts for this motion was {heat[0]}, "
@@ -189,8 +213,8 @@ class Verdict:
         verdict, lines = self.last["verdict"], []
         if self.added:
             lines = {"nothing_missing": ["Nothing else is missing that these data could show."],
-                     "unexplained": sentences.summary_diagnosis({**self.last, "undetectable": []}, self.library,
-                                                                True)[:1],
+                     "unexplained": ["Something else is missing that no effect of the library explains.",
+                                     *self._unknown(self.last)],
                      "not_enough_excitation": ["What else may be missing these data move too little to tell."],
                      "missing_effect": ["More is missing than this search was allowed to add."]}[verdict]
         if verdict == "nothing_missing":
@@ -210,7 +234,7 @@ class Verdict:
         """
         found = []
         for step in self.added:
-            twins = step.finding.twins if step.finding is not None else []
+            twins = self._alternatives(step)
             text = cards.experiment(self.library, step.finding) if twins else ""
             if text:
                 names = sentences.joined([_named(t["effect"], t["place"]) for t in twins])
@@ -257,12 +281,21 @@ def _certainty(p):
     return f"{words}: chance alone would find something as large in {cards.chance(p)} ({bound})"
 
 
+def _amount(found):
+    """Largest value of an effect, with its unit."""
+    unit = "" if found["unit"] in ("1", "") else f" {found['unit']}"
+    if found["rated"] and found["value"] < UNSEEN * found["rated"]:
+        return "nothing while moving"
+    return f"{number(found['value'])}{unit}"
+
+
 def _size(found):
     """How large an effect is, in words."""
-    unit = "" if found["unit"] in ("1", "") else f" {found['unit']}"
-    text = f"Up to {number(found['value'])}{unit} at {found['where']}"
+    text = f"Up to {_amount(found)} at {found['where']}"
     if found["share"] is not None and math.isfinite(found["share"]):
+        unit = "" if found["unit"] in ("1", "") else f" {found['unit']}"
         return f"{text}, {100 * found['share']:.2g} % of {found['of']} ({number(found['rated'])}{unit})"
     if found.get("channel"):
-        return f"{text}; {_size(found['channel'])[0].lower()}{_size(found['channel'])[1:]}"
+        other = _size(found["channel"]).removeprefix("Up to ").replace(f" at {found['channel']['where']}", "", 1)
+        return f"{text}, which changes {found['channel']['where']} by up to {other}"
     return text
