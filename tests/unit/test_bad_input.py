@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tiers import cases
 
 from benchmarks.hidden_effects.machine import PAPER, measure, six_manoeuvres
 from pycosim.cli.entry import main
@@ -265,7 +266,7 @@ POOR = {
 }
 
 
-@pytest.mark.parametrize("kind", POOR)
+@pytest.mark.parametrize("kind", cases(POOR, ["one pass"]))
 def test_poor_data_are_read_and_the_results_say_what_they_cannot_tell(kind, here, capsys):
     labels, options, hidden, why = POOR[kind]
     log = measure(PAPER, six_manoeuvres(**{"repeats": 1, "rate": 50, "longest_pass": 4, **options}), rng=3)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tiers import cases
 
 from benchmarks.hidden_effects import machine as rig
 from pycosim.cli.entry import main
@@ -73,7 +74,6 @@ MISTAKES = {
     "a reference that stays": (stuck("C_H"), "stuck", "time = [0"),
     "another clock": (late(0.0, 0.003, *C), "clock", "clock = 1.00"),
 }
-SHORT = ("a torque negated", "motors swapped", "degrees")  # one of each kind that most logs have; the rest are long
 HIDDEN = {
     "a wrong torque constant": rig.Effect("torque_constant", "motor1", g=1.2),
     "an offset": rig.Effect("torque_offset", "motor2", o=0.15),
@@ -123,7 +123,7 @@ def mended(text, lines):
     return text
 
 
-@pytest.mark.parametrize("mistake", [m if m in SHORT else pytest.param(m, marks=pytest.mark.long) for m in MISTAKES])
+@pytest.mark.parametrize("mistake", cases(MISTAKES, ["a torque negated", "motors swapped", "degrees"]))
 def test_a_mistake_is_named_and_its_mend_makes_the_log_sound(mistake, library, tmp_path):
     change, kind, holds = MISTAKES[mistake]
     frame = change(sound())
@@ -138,19 +138,20 @@ def test_a_mistake_is_named_and_its_mend_makes_the_log_sound(mistake, library, t
     assert not again.blocking, [f.text for f in again.blocking]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", cases(range(3), [0]))
 @pytest.mark.parametrize("columns", [{}, {"extra": ()}, {"reference": None}])
 def test_a_sound_log_stops_no_search(seed, columns, library, tmp_path):
     found = checked(library, study(tmp_path, sound(seed, **columns)))
     assert not [f.text for f in found.findings if f.kind in DISCRETE]
 
 
-@pytest.mark.parametrize("effect", HIDDEN)
+@pytest.mark.parametrize("effect", cases(HIDDEN, ["a wrong torque constant", "a payload", "drift"]))
 def test_physics_is_no_mistake(effect, library, tmp_path):
     found = checked(library, study(tmp_path, sound(3, [HIDDEN[effect]], reference="sensor")))
     assert not found.blocking, [f.text for f in found.blocking]
 
 
+@pytest.mark.long
 def test_two_mistakes_are_both_named(library, tmp_path):
     frame = times(180 / np.pi, *THETA)(times(-1, "tau1")(sound()))
     found = checked(library, study(tmp_path, frame))

@@ -60,6 +60,7 @@ def test_the_highest_number_of_cycles_has_two_samples_each_on_the_slow_way():
     assert tried[0] == pytest.approx(1 / 5) and tried[-1] == pytest.approx(0.6 * N / 5 / 2, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", ["even", "grows", "offset"])
 def test_chance_is_flat_where_nothing_is_hidden(noise):
     angle, below = motion(6, 600), []

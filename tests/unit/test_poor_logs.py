@@ -10,6 +10,7 @@ import pytest
 from benchmarks.hidden_effects.machine import PAPER, measure, six_manoeuvres
 from pycosim.cli.entry import main
 
+pytestmark = pytest.mark.long
 HIP_KNEE = (Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml").read_text()
 GEARED = """
 [rig]
@@ -63,7 +64,6 @@ def improved(tmp_path, monkeypatch, capsys):
     return run
 
 
-@pytest.mark.long
 def test_one_pass_identifies_and_says_that_no_effect_can_be_shown(passes, improved):
     said, found = improved(until(passes, "A"), HIP_KNEE)
     assert found["verdict"] == "not_enough_excitation"
@@ -75,20 +75,17 @@ def test_one_pass_out_and_back_is_one_block(passes, improved):
     assert found["verdict"] == "not_enough_excitation" and "One block is left to fit" in said
 
 
-@pytest.mark.long
 def test_a_joint_without_gravity_and_one_that_moves_one_way_are_no_fault(improved):
     assert "one way only" not in improved(geared(lambda theta: 0.0), GEARED)[0]
     assert "gear moves one way only" in improved(geared(lambda theta: 5.0, one_way=True), GEARED)[0]
 
 
-@pytest.mark.long
 def test_a_current_without_a_reference_is_enough_to_go_on(improved):
     study = GEARED.replace('C = { variable = "C", unit = "N.m" }\n', "")
     study = study.replace('unit = "N.m"', 'unit = "A", k_m = 0.1')
     improved(geared(lambda theta: 5 * np.sin(theta / 3)).drop(columns="C"), study)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("names", [("load", "speed"), ("time_since_reversal", "acceleration")])
 def test_a_column_may_be_called_as_the_diagnosis_calls_its_variables(passes, improved, names):
     renamed = dict(zip(("tau1", "tau2"), names))

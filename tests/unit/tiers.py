@@ -1,0 +1,9 @@
+"""Cases of a test, and which of them are short, in; its parameters, the rest marked long, out."""
+
+import pytest
+
+
+def cases(every, short):
+    """Parameters of a test that walks many cases of one kind, a few of which stand for all in the short tier."""
+    assert set(short) <= set(every)
+    return [c if c in short else pytest.param(c, marks=pytest.mark.long) for c in every]
