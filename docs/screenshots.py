@@ -37,12 +37,12 @@ def write(name, parts):
 
 
 def report(browser, folder):
-    """The answer, what is missing point by point, and the map where it is."""
+    """The answer, and what is missing point by point."""
     page = browser.new_page(viewport={"width": 1150, "height": 900}, color_scheme="light")
     page.goto((folder / "report.html").resolve().as_uri())
     page.wait_for_selector("html[data-ready=true]")
     write("report", [page.locator(s).screenshot() for s in (
-        "#verdict", "article.card.accepted", "#maps figure:not([hidden]) .plot")])
+        "#verdict", "article.card.accepted figure")])
 
 
 def app(browser, folder):
