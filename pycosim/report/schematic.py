@@ -46,7 +46,15 @@ class _Box:
     grounded: bool = False
 
 
-def schematic(model, highlight=None, values=None, unit="", down=False):
+@dataclass
+class _Mark:
+    """Words beside a place, and whether it is one among others that may be meant."""
+
+    text: str
+    other: bool = False
+
+
+def schematic(model, highlight=None, values=None, unit="", down=False, also=None):
     """Draw a drive train.
 
     Parameters
@@ -61,6 +69,8 @@ def schematic(model, highlight=None, values=None, unit="", down=False):
         Of the values.
     down : bool
         From top to bottom, for narrow screens; else from left to right.
+    also : dict of str to str, optional
+        Further places with the words beside each, marked less: where else it could be.
 
     Returns
     -------
@@ -74,12 +84,13 @@ def schematic(model, highlight=None, values=None, unit="", down=False):
     """
     marked = {highlight: ""} if isinstance(highlight, str) else dict(highlight or {})
     parts = wiring(model.library, model.rig)
-    boxes, edges = _graph(model, parts, {*marked, *(values or {})})
+    boxes, edges = _graph(model, parts, {*marked, *(values or {}), *(also or {})})
     _layers(boxes, edges)
     edges = _bends(boxes, edges)
     _lanes(boxes, edges)
-    marks, sizes = ({c: v for place, v in told.items() for c in components(model, place)}
-                    for told in (marked, values or {}))
+    marks, sizes, others = ({c: v for place, v in told.items() for c in components(model, place)}
+                            for told in (marked, values or {}, also or {}))
+    marks = {**{c: _Mark(text, True) for c, text in others.items()}, **{c: _Mark(t) for c, t in marks.items()}}
     return _svg(model, boxes, edges, marks, sizes, unit, down)
 
 
@@ -394,7 +405,7 @@ def _words(model, boxes, marks, sizes, unit):
     for box in shown:
         by_kind.setdefault(WORDS.get(box.kind, box.kind) or "part", []).append(box.name)
     parts = "; ".join(f"{kind} {', '.join(names)}" for kind, names in by_kind.items())
-    said = [f"{b.name} is marked{': ' + _told(b, marks) if _told(b, marks) else ''}" for b in shown
+    said = [f"{b.name} is marked{': ' + _told(b, marks).text if _told(b, marks).text else ''}" for b in shown
             if _told(b, marks) is not None]
     said += [f"{b.name} {number(_told(b, sizes))} {unit}".strip() for b in shown if _told(b, sizes) is not None]
     return f"Drive train of {model.rig.rpartition('.')[2]}: {parts}." + "".join(f" {s}." for s in said)
@@ -451,9 +462,9 @@ def _rail(a, b, width, down):
 def _box(box, spot, width, mark, value, top, unit):
     """One part: its sign, its name and its kind; under it what acts there, what it stands on, a mark and a value."""
     x, y = spot[0] - width / 2, spot[1] - HEIGHT / 2
-    marked = mark is not None
-    stroke = f'stroke="{ACCENT if marked else "currentColor"}" stroke-width="{3.5 if marked else 1.3}"'
-    dash = ' stroke-dasharray="5 3"' if box.kind == "beside" else ""
+    marked = mark is not None and not mark.other
+    stroke = f'stroke="{ACCENT if mark else "currentColor"}" stroke-width="{3.5 if marked else 2 if mark else 1.3}"'
+    dash = ' stroke-dasharray="5 3"' if box.kind == "beside" or mark is not None and mark.other else ""
     found = [f"<g><title>{escape(box.title or box.name)}</title>",
              f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{HEIGHT}" rx="5" fill="{PAPER}" '
              f'{stroke}{dash}/>']
@@ -476,7 +487,8 @@ def _box(box, spot, width, mark, value, top, unit):
 
 def _under(box, spot, y, mark, value, unit):
     """The words about a box: a mark above it, what acts there and a value under it."""
-    found = [_text(spot[0], y - 6, mark, 12.5, "middle", weight=700, colour=ACCENT)] if mark else []
+    found = [_text(spot[0], y - 6, mark.text, 12.5, "middle", weight=400 if mark.other else 700,
+                   colour=ACCENT)] if mark else []
     rows = ([f"+ {', '.join(box.notes)}"] if box.notes else [])
     rows += [f"{number(value)} {unit}".strip()] if value is not None else []
     for k, row in enumerate(rows):

@@ -55,9 +55,10 @@ class Verdict:
                 ("How large", [] if several else self._large()), ("How sure", [] if several else self._sure()),
                 ("Error before and after" if self.added else "Error", self._error(), self._errors()),
                 ("What else it could be", self._else()), ("What it changes", self._changes()),
-                ("What is left", self._left()), ("Next experiment", self.experiments()[:1])]
+                ("What is left" if self.added else "What could still hide", self._left()),
+                ("Next experiment", self.experiments()[:1])]
         return {"verdict": self.first["verdict"], "title": self.title(), "findings": self._findings(),
-                "drawing": schematic.figure(self.steps[0].model, highlight=self._marks()),
+                "drawing": schematic.figure(self.steps[0].model, **self._marks()),
                 "rows": [(name, lines, table[0] if table else None) for name, lines, *table in rows if lines or table]}
 
     def _findings(self):
@@ -79,6 +80,10 @@ class Verdict:
         """
         if self.added:
             first, more = _named(*self.added[0].added), len(self.added) - 1
+            alike = self._alternatives(self.added[0])
+            if alike and not more:
+                other = _named(alike[0]["effect"], alike[0]["place"])
+                return f"The model lacks {first} or {other if len(alike) == 1 else f'one of {len(alike)} alternatives'}"
             second = f" and {_named(*self.added[1].added)}" if more == 1 else ""
             return f"The model lacks {first}{second or (f' and {more} more effects' if more else '')}"
         return {"nothing_missing": "Nothing is missing that these data could show",
@@ -87,12 +92,16 @@ class Verdict:
                 "missing_effect": "An effect is missing"}[self.first["verdict"]]
 
     def _marks(self):
-        marks = {}
+        """What the drawing marks: the effects that were added, and less, what they cannot be told from."""
+        marks, others = {}, {}
         for step in self.added:
-            effect, place = step.added
-            for name in schematic.components(self.dataset.base, place):
-                marks.setdefault(name, []).append(effect.replace("_", " "))
-        return {n: some[0] if len(some) == 1 else f"{len(some)} effects" for n, some in marks.items()}
+            alike = [(t["effect"], t["place"]) for t in self._alternatives(step)]
+            for found, keys in ((marks, [step.added]), (others, alike)):
+                for effect, place in keys:
+                    for name in schematic.components(self.dataset.base, place):
+                        found.setdefault(name, []).append(effect.replace("_", " "))
+        return {"highlight": {n: _few(some) for n, some in marks.items()},
+                "also": {n: f"or {_few(some)}" for n, some in others.items()}}
 
     # ---- rows
 
@@ -138,12 +147,14 @@ class Verdict:
     def _sure(self):
         lines = [f"{_certainty(s.finding.p_value)}, among all {self.tested} effects and places tested."
                  for s in self.added if s.finding is not None]
+        if self.added and self._alternatives(self.added[0]):
+            lines.append("So sure it is that something is missing; which of the alternatives stays open.")
         best = min(self.first["candidates"], key=lambda c: c["p_value"], default=None)
         if not self.added and best and self.first["verdict"] == "nothing_missing":
             lines.append(f"Of {self.tested} effects and places tested the likeliest is "
                          f"{_named(best['effect'], best['place'])}; chance alone would find something as large in "
-                         f"{cards.chance(best['p_value'])} (p = {number(best['p_value'])}), and it counts from "
-                         f"p = {LEVEL:g} on.")
+                         f"{cards.chance(best['p_value'])} (p = {number(best['p_value'])}); an effect counts "
+                         f"below p = {LEVEL:g}.")
         return lines
 
     def _error(self):
@@ -259,6 +270,12 @@ class Verdict:
         return [f"{_capital(text)}: that shows "
                 f"{sentences.joined([e.replace('_', ' ') for e in effects])}, invisible so far."
                 for text, effects in ranked]
+
+
+def _few(names):
+    """One name, or how many there are."""
+    different = list(dict.fromkeys(names))
+    return different[0] if len(different) == 1 else f"{len(different)} effects"
 
 
 def _named(effect, place):

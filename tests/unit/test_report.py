@@ -223,6 +223,19 @@ def test_an_unexplained_residual_asks_for_what_it_depends_on(found):
     assert "refused: it fits by chance" in page.html()
 
 
+def test_what_the_data_cannot_tell_apart_is_said_marked_and_asked_for(found):
+    dataset, improvement, _, _ = found
+    twins = [{"effect": "torque_offset", "place": "motor2"}]
+    step = replace(improvement.steps[1], finding=replace(improvement.steps[1].finding, twins=twins))
+    page = Page(dataset, Improvement(improvement.first, improvement.last, [improvement.steps[0], step]), "x")
+    told = rows(page)
+    assert told["What else it could be"] == "These data cannot tell stribeck at 2A from torque offset at motor2."
+    assert "tells stribeck at 2A from torque offset at motor2" in told["Next experiment"]
+    assert "stays open" in told["How sure"]
+    assert page.verdict.title() == "The model lacks stribeck at 2A or torque offset at motor2"
+    assert ">or torque offset</text>" in page.verdict.card()["drawing"]
+
+
 def test_rivals_are_explained_once_the_winner_is_in(found):
     dataset, improvement, _, _ = found
     page = Page(dataset, improvement, "x")

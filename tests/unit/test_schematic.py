@@ -91,6 +91,15 @@ def test_a_mark_stands_at_its_place_alone():
     assert "2A is marked: stribeck" in tree.get("aria-label") and len(plain) > len(thick)
 
 
+def test_where_else_it_could_be_is_marked_less():
+    text = schematic(compile_model(LIBRARY, HIP_KNEE), {"2A": "stribeck"}, also={"motor2": "or torque offset"})
+    tree = ElementTree.fromstring(text)
+    looks = {next(t.text for t in g.iter(f"{SVG}text")): g.find(f"{SVG}rect") for g in tree.findall(f"{SVG}g")}
+    assert looks["2A"].get("stroke-width") == "3.5" and not looks["2A"].get("stroke-dasharray")
+    assert looks["motor2"].get("stroke-width") == "2" and looks["motor2"].get("stroke-dasharray")
+    assert looks["motor1"].get("stroke-width") == "1.3" and "or torque offset" in text
+
+
 def test_values_are_numbers_beside_colours_that_grow_with_them():
     model = compile_model(LIBRARY, HIP_KNEE)
     text = schematic(model, values={"hip": 0.141, "knee": 0.02}, unit="N.m")
