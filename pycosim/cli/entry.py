@@ -34,12 +34,12 @@ def run_verb(arguments, progress):
     start = time.monotonic()
     if arguments.verb == "new":
         from .new import new
-        path = new(arguments)
+        progress.stop()  # what is asked stands below it
+        path, lines = new(arguments)
         if arguments.json:
             from ..report.records import to_json
             return to_json({"schema": 1, "study": str(path)})
-        data = "" if arguments.data else " --data my_log.csv"
-        return f"Written: {path}. Say which columns your log has, then: pycosim improve {path}{data}\n"
+        return "\n".join([*lines, ""])
     if arguments.verb == "demo":
         out = verbs.demo(arguments, progress)
         return (out / VERBS["demo"][1]).read_text(encoding="utf-8") if arguments.json else ""

@@ -1,51 +1,104 @@
-"""A rig's name or a Modelica file in; a commented study to start from out."""
+"""A rig's name, a Modelica file or a log in; a commented study to start from out."""
 
 from __future__ import annotations
 
 import json
 import os
+import sys
 from pathlib import Path
 
 from ..core.errors import UnknownNameError, closest
+from .parser import UsageError
 
 # --- new ---------------------------------------------------------------------------------------------------
 
 
 def new(arguments):
-    """Write a commented study for a rig.
+    """Write a commented study for a rig; with logs, for their columns as well.
 
     Parameters
     ----------
     arguments : argparse.Namespace
-        ``rig``, ``data`` and ``out``.
+        ``rig``, ``data``, ``columns``, ``rate``, ``si``, ``without``, ``out``.
 
     Returns
     -------
-    Path
+    path : Path
+    lines : list of str
+        What was done, and what comes next.
 
     Raises
     ------
     UnknownNameError
         No such rig, or no such log.
+    UsageError
+        The log does not tell all, and nobody is there to ask.
+    DataError
+        A log cannot be read.
     FolderError
         The study is there already, or cannot be written.
     """
     from ..compile import Library
-    from ..report.folder import FolderError
-    from ..study.parse import load_study
-    own = [arguments.rig] if arguments.rig.endswith(".mo") else []
-    library = Library(own)
-    rig = own_rig(library, arguments.rig) if own else find_rig(library, arguments.rig)
-    folder = Path(arguments.out or ".")
-    path = folder / f"{rig.rsplit('.', 1)[-1]}.toml"
-    if os.path.lexists(path):
-        raise FolderError(f"{path}: exists already, and is not overwritten; move it, or name a folder with --out DIR")
+    from .mapping import mapped, refuse_unused, rig_by_log, told
+    if not arguments.data:
+        refuse_unused(arguments)
+    if not arguments.rig and not arguments.data:
+        raise UsageError("RIG is missing; name one, as HipKnee, or give --data FILE, a log whose columns tell it")
     for file in arguments.data or []:
         if not Path(file).is_file():
             raise UnknownNameError(f"no log {file}")
+    own = [arguments.rig] if (arguments.rig or "").endswith(".mo") else []
+    library = Library(own)
+    rig = (own_rig(library, arguments.rig) if own else find_rig(library, arguments.rig) if arguments.rig
+           else rig_by_log(library, arguments, sys.stdin))
+    folder = Path(arguments.out or ".")
+    path = folder / f"{rig.rsplit('.', 1)[-1]}.toml"
+    refuse_taken(path)
+    proposal = mapped(library, rig, arguments, sys.stdin) if arguments.data else None
     runs, own = ([os.path.relpath(f, folder) for f in files] for files in (arguments.data or [], own))
-    text = "\n".join(template(library, rig, runs, own)) + "\n"
-    made = []
+    write(path, "\n".join(template(library, rig, runs, own, proposal)) + "\n", library)
+    if proposal is None:
+        return path, [f"Written: {path}. Say which columns your log has, then: pycosim improve {path} --data "
+                      "my_log.csv"]
+    return path, [*told(proposal), f"Written: {path}. Next: pycosim check {path}, then: pycosim improve {path}"]
+
+
+def refuse_taken(path):
+    """Refuse to write over a study.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    FolderError
+    """
+    from ..report.folder import FolderError
+    if os.path.lexists(path):
+        raise FolderError(f"{path}: exists already, and is not overwritten; move it, or name a folder with --out DIR")
+
+
+def write(path, text, library):
+    """Write a study, or leave nothing behind.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+    library : Library
+        What it names is checked against.
+
+    Raises
+    ------
+    FolderError
+        The file or its folder cannot be made.
+    PycosimError
+        The study does not hold.
+    """
+    from ..report.folder import FolderError
+    from ..study.parse import load_study
+    made, folder = [], path.parent
     temporary = folder / f".{path.name}.{os.getpid()}"
     try:
         for parent in [*reversed(folder.absolute().parents), folder.absolute()]:
@@ -62,7 +115,6 @@ def new(arguments):
         if isinstance(error, OSError):
             raise FolderError(f"{path}: cannot be written ({error.strerror}); name a folder with --out DIR") from None
         raise
-    return path
 
 
 def find_rig(library, name):
@@ -115,7 +167,7 @@ def own_rig(library, file):
     raise UnknownNameError(f"{file} holds {what}")
 
 
-def template(library, rig, runs, modelica=()):
+def template(library, rig, runs, modelica=(), proposal=None):
     """Lines of a commented study for a rig.
 
     Parameters
@@ -127,6 +179,8 @@ def template(library, rig, runs, modelica=()):
         Logs, relative to the study.
     modelica : sequence of str
         Modelica files of the user, relative to the study.
+    proposal : Proposal, optional
+        What the columns of the logs are; the rig's names stand for them without it.
 
     Yields
     ------
@@ -156,18 +210,14 @@ def template(library, rig, runs, modelica=()):
     yield f"runs = {to_toml(runs)}                    # logs; or --data FILE..."
     yield "held_out = []                # logs kept for the test"
     yield 'reference = "unknown"        # of the joint torques: "sensor", "gravity_model" (computed), "unknown"'
-    yield '# drop_outs = "skip"         # leave rows with missing numbers out, rather than refuse the log'
-    yield f"# most = {MOST:_}            # a log with more rows is read as means of consecutive ones"
-    yield '# rate = 500                  # samples a second, of a log without a column of time'
-    yield '# header = false              # columns have no names; they are called "1", "2", ..'
-    yield '# time = [0.0, 60.0]          # only this part of each log, s'
+    settings = {} if proposal is None else proposal.settings
+    for key, value in settings.items():
+        yield f"{key} = {to_toml(value)}"
+    for key, line in _data_lines(MOST):
+        if key not in settings:
+            yield line
     yield "\n[columns]                    # left: the column in your log, right: what it is, and its unit there"
-    speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.variables]
-    for name, role in [*((n, "needed") for n in known), *((n, "optional; else derived from the angle") for n in speeds),
-                       *((n, "what the model is compared with") for n in wanted)]:
-        v = model.variables[name]
-        yield (f"{to_toml(name)} = {{ variable = {to_toml(name)}, unit = {to_toml(v.unit)} }}"
-               f"  # {v.description or name}; {role}")
+    yield from _column_lines(model, wanted, known) if proposal is None else _mapped_lines(model, proposal)
     for line in _other_columns(known):
         yield f"# {line}"
     yield "\n# Effects, to be added by hand or found by 'pycosim improve':"
@@ -176,6 +226,34 @@ def template(library, rig, runs, modelica=()):
         found = [p.name for p in places(library, rig, effect)]
         if found:
             yield f"#   {effect.id}: {effect.description}; at {', '.join(found)}"
+
+
+def _data_lines(most):
+    """Keys of [data] that a study may need, and lines that say what they are for."""
+    yield "drop_outs", '# drop_outs = "skip"         # leave rows with missing numbers out, rather than refuse the log'
+    yield "most", f"# most = {most:_}            # a log with more rows is read as means of consecutive ones"
+    yield "rate", '# rate = 500                  # samples a second, of a log without a column of time'
+    yield "header", '# header = false              # columns have no names; they are called "1", "2", ..'
+    yield "time", '# time = [0.0, 60.0]          # only this part of each log, s'
+
+
+def _column_lines(model, wanted, known):
+    """Columns named as the rig's variables, for whoever has no log yet."""
+    from ..study.toml import to_toml
+    speeds = [f"{n[:-4]}.w" for n in known if n.endswith(".phi") and f"{n[:-4]}.w" in model.variables]
+    for name, role in [*((n, "needed") for n in known), *((n, "optional; else derived from the angle") for n in speeds),
+                       *((n, "what the model is compared with") for n in wanted)]:
+        v = model.variables[name]
+        yield (f"{to_toml(name)} = {{ variable = {to_toml(name)}, unit = {to_toml(v.unit)} }}"
+               f"  # {v.description or name}; {role}")
+
+
+def _mapped_lines(model, proposal):
+    """Columns of a log, as they were proposed and answered."""
+    from ..data.checks.finding import column_line
+    for name, column in proposal.columns.items():
+        v = model.variables.get(column.variable)
+        yield f"{column_line(name, column)}  # {v.description if v and v.description else column.variable}"
 
 
 def _other_columns(known):

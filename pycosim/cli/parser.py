@@ -13,7 +13,9 @@ VERBS = {
     "demo": ("the whole story on data with a hidden effect, offline", "ladder.json", "pycosim demo",
              "Makes a log of a machine with an effect that its model lacks, and finds it."),
     "new": ("a commented study to start from", None, "pycosim new HipKnee --data run1.csv",
-            "Writes <rig>.toml: the rig's parameters, the columns a log needs, and the effects that can be added."),
+            "Writes <rig>.toml: the rig's parameters, the columns a log needs, and the effects that can be added. A log "
+            "is looked at, and what it does not tell is asked; where nobody can answer, --map, --rate, --si and "
+            "--without do."),
     "check": ("what the log is, before any physics: wiring, units, clocks, outliers", "check.json",
               "pycosim check study.toml --data run1.csv",
               "Signs, swaps, units and times of every column are tried. What stops the search is said with the line of "
@@ -73,6 +75,7 @@ EXPORT = {
 ROBUST = ("identify", "diagnose", "add", "improve", "report")
 """Verbs whose fits can be told to count samples that are far out for less."""
 MANY = {"improve": "; with several, DIR holds a folder for each, and studies.csv"}
+NEW = ("--map", "--rate", "--si", "--without")
 PLAN = ("--goal", "--budget", "--rate", "--criterion", "--between")
 
 
@@ -118,8 +121,7 @@ def build_parser():
                                description=f"{what[0].upper()}{what[1:]}. {more}".strip(),
                                formatter_class=argparse.RawDescriptionHelpFormatter, epilog=f"example:\n  {example}")
         if verb == "new":
-            sub.add_argument("rig", metavar="RIG",
-                             help="Modelica class, as HipKnee, or a file of your own, as winch.mo").completer = _rigs
+            _new_options(sub)
         elif verb == "cosim":
             sub.add_argument("scenario", metavar="SCENARIO", help="scenario file (TOML)")
             sub.add_argument("--until", type=float, metavar="T", help="stop at this time [s], with a checkpoint")
@@ -165,6 +167,18 @@ def build_parser():
                          help=f"print {VERBS[verb][1] or 'where the study is'} and nothing else")
         sub.add_argument("--quiet", action="store_true", help="print nothing but errors")
     return parser
+
+
+def _new_options(sub):
+    sub.add_argument("rig", metavar="RIG", nargs="?",
+                     help="Modelica class, as HipKnee, or a file of your own, as winch.mo; without one, the columns of "
+                          "the log tell").completer = _rigs
+    sub.add_argument("--map", nargs="+", default=[], metavar="COLUMN=VARIABLE[:UNIT][,KEY=VALUE]", dest="columns",
+                     help="what columns of the log are, as q1=motor1.phi:deg or i1=motor1.tau:A,k_m=0.11,sign=-1")
+    sub.add_argument("--rate", type=float, metavar="HZ", help="rows a second, of a log without a column of time")
+    sub.add_argument("--si", action="store_true", help="columns that state no unit are in rad, rad/s, N.m, s, ..")
+    sub.add_argument("--without", nargs="+", default=[], metavar="VARIABLE",
+                     help="variables of the rig that the log does not hold")
 
 
 def _plan_options(sub):
@@ -233,6 +247,7 @@ def parse(argv):
         known += ["--robust"] if known and arguments.verb in ROBUST else []
         known += ["--fmu"] if known and arguments.verb == "identify" else []
         known += ["--on", "--workers"] if known and arguments.verb == "improve" else []
+        known += NEW if known and arguments.verb == "new" else []
         known += PLAN if known and arguments.verb == "plan" else []
         if known and arguments.verb == "cosim":
             known += ["--until", "--resume", "--checkpoint-every", "--allow-python"]

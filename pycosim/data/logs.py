@@ -111,7 +111,7 @@ def read_log(path, study, strict=True):
     path = path if isinstance(path, Frame) else Path(path)
     wanted = set(study.columns) | ({study.time_column} if study.rate is None else set())
     count, tables = (path.parts(wanted, study.labels) if isinstance(path, Frame)
-                     else read_parts(path, study.reader, wanted, study.labels, study.header))
+                     else read_parts(path, study.reader, wanted, study.labels, study.layout))
     first = next(tables)
     used = {n: c for n, c in study.columns.items() if n in first.columns and n != study.time_column}
     _check_columns(path, first, study, used)

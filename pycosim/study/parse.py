@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ..core import units
 from ..core.errors import BoundsError, StudyError, closest
+from .layout import DECIMALS, ENCODINGS, PLAIN, SEPARATORS, Layout
 from .schema import (
     COLUMN_KEYS,
     DATA_KEYS,
@@ -246,15 +247,12 @@ def _data(source, tables):
 def _layout(source, table):
     """What a file does not say of its rows itself: their rate, whether the first names columns, which are used."""
     where = "[data]"
-    rate, header = source.take(table, "rate", float, where), source.take(table, "header", bool, where, True)
+    rate = source.take(table, "rate", float, where)
     if rate is not None and rate <= 0:
         raise source.error(where, f"rate = {rate:g} Hz must be above zero", "rate")
     if rate is not None and "time_column" in table:
         raise source.error(where, "rate is for logs without a column of time, but time_column names one; keep one of "
                            "the two", "rate")
-    if not header and table.get("reader") is not None:
-        raise source.error(where, f"header = false is for comma-separated text; remove reader = '{table['reader']}'",
-                           "header")
     span = source.take(table, "time", list, where)
     if span is not None:
         plain = len(span) == 2 and all(isinstance(t, (int, float)) and not isinstance(t, bool) and math.isfinite(t)
@@ -263,7 +261,30 @@ def _layout(source, table):
             raise source.error(where, f"time must be [first, last], two rising numbers in s, not {to_toml(span)}",
                                "time")
         span = float(span[0]), float(span[1])
-    return dict(rate=rate, header=header, time=span)
+    return dict(rate=rate, time=span, **_text_layout(source, table))
+
+
+def _text_layout(source, table):
+    """How a text file holds its table."""
+    where = "[data]"
+    found = Layout(source.take(table, "header", bool, where, True),
+                   source.choice(table, "separator", SEPARATORS, where, PLAIN.separator),
+                   source.choice(table, "decimal", DECIMALS, where, PLAIN.decimal),
+                   source.choice(table, "encoding", ENCODINGS, where, PLAIN.encoding),
+                   source.take(table, "preamble", int, where, 0),
+                   source.take(table, "units_row", bool, where, False))
+    if found.said and table.get("reader") is not None:
+        key, line = next(iter(found.said)), found.lines[0]
+        raise source.error(where, f"{line} is for comma-separated text; remove reader = '{table['reader']}'", key)
+    if found.separator == found.decimal:
+        raise source.error(where, "separator and decimal are both a comma, and no number could be told from two; keep "
+                           "one of them", "decimal")
+    if found.preamble < 0:
+        raise source.error(where, f"preamble = {found.preamble} lines must not be below zero", "preamble")
+    if found.units_row and not found.header:
+        raise source.error(where, "units_row is the row below the header, and header = false says there is none; "
+                           "count it in preamble", "units_row")
+    return found.said
 
 
 def _texts(source, table, key):

@@ -12,6 +12,7 @@ from ..compile.effects import catalogue, find_effect, find_place
 from ..compile.model import compile_model
 from ..core import units
 from ..core.errors import BoundsError, PycosimError, StudyError, UnknownNameError, closest
+from .layout import LAYOUT_KEYS, Layout
 
 REFERENCES = ("sensor", "gravity_model", "unknown")
 DROP_OUTS = ("refuse", "skip")
@@ -26,7 +27,7 @@ COLUMN_KEYS = ("variable", "unit", "k_m", "zero", "gain", "offset", "sign", "wra
 EFFECT_KEYS = ("effect", "place")
 LIMIT_KEYS = ("min", "max")
 DATA_KEYS = ("runs", "held_out", "reference", "label", "time_column", "w_min", "seed", "drop_outs",
-              "average", "reader", "most", "rate", "time", "header", "accept", "rejected")
+              "average", "reader", "most", "rate", "time", *LAYOUT_KEYS, "accept", "rejected")
 FIT_KEYS = ("robust",)
 MOST = 2_000_000
 """Rows of a log that are read one by one, if the study does not say."""
@@ -194,7 +195,14 @@ class Study:
     time : (float, float) or None
         Only rows from the first to the last of these times [s] are used, of every log.
     header : bool
-        Whether the first row of a text file names its columns; else they are called "1", "2", ...
+        Whether a row of a text file names its columns; else they are called "1", "2", ...
+    separator, decimal, encoding : str
+        Of a text file: between columns (a blank is any number of blanks and tabs), before the fraction of a number, and
+        of its letters.
+    preamble : int
+        Lines of a text file above its header, or above the first row of numbers.
+    units_row : bool
+        Whether the row of a text file below its header holds units.
     accept : list of str
         Findings of the data check that are answered.
     rejected : list of str
@@ -224,6 +232,11 @@ class Study:
     rate: float | None = None
     time: tuple | None = None
     header: bool = True
+    separator: str = ","
+    decimal: str = "."
+    encoding: str = "utf-8"
+    preamble: int = 0
+    units_row: bool = False
     accept: list = field(default_factory=list)
     rejected: list = field(default_factory=list)
     robust: bool = False
@@ -232,6 +245,11 @@ class Study:
     def name(self):
         """Name of the study: its file's without the ending."""
         return self.path.stem
+
+    @property
+    def layout(self):
+        """How its text files hold their tables."""
+        return Layout(*(getattr(self, key) for key in LAYOUT_KEYS))
 
     def with_data(self, files):
         """The same study on other logs.

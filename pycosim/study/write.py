@@ -9,6 +9,7 @@ from pathlib import Path
 import tomlkit
 
 from ..core.errors import PycosimError, StudyError
+from .layout import LAYOUT_KEYS
 from .parse import load_study
 from .schema import COLUMN_KEYS, EFFECT_KEYS, LIMIT_KEYS, SETTING_KEYS, Column, Study
 from .toml import to_toml
@@ -16,8 +17,8 @@ from .toml import to_toml
 # table: attribute of a study, and key where that is another
 _WRITTEN = {"rig": {"rig": "model", "modelica": "modelica"},
             "data": {"runs": "runs", "held_out": "held_out", "reference": "reference", "labels": "label",
-                     **{k: k for k in ("time_column", "rate", "time", "header", "w_min", "seed", "drop_outs", "average",
-                                       "reader", "most", "accept", "rejected")}},
+                     **{k: k for k in ("time_column", "rate", "time", *LAYOUT_KEYS, "w_min", "seed", "drop_outs",
+                                       "average", "reader", "most", "accept", "rejected")}},
             "fit": {"robust": "robust"}}
 # attribute that holds entries by name: their settings in the file
 _ENTRIES = {"parameters": lambda e: {k: getattr(e, k) for k in SETTING_KEYS},

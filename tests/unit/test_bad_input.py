@@ -126,8 +126,8 @@ def test_a_log_that_is_not_there_is_refused(here, capsys):
     refused(here, capsys, "no log", data=("gone.csv",))
     refused(here, capsys, "is a folder", data=(".",))
     refused(here, capsys, "no logs to fit", data=())
-    (here / "log.txt").write_text("time\n1\n")
-    refused(here, capsys, "cannot tell the format", data=("log.txt",))
+    (here / "log.doc").write_text("time\n1\n")
+    refused(here, capsys, "cannot tell the format", data=("log.doc",))
     refused(here, capsys, "is listed twice", data=("log.csv", "log.csv"))
 
 

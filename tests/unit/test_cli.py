@@ -187,7 +187,7 @@ def test_new_writes_a_study_that_loads_for_every_rig(rig, here, capsys):
 
 
 def test_new_takes_logs(log, here):
-    run("new", "HipKnee", "--data", log, "--out", "mine", "--quiet")
+    run("new", "HipKnee", "--data", log, "--si", "--out", "mine", "--quiet")
     assert load_study(here / "mine" / "HipKnee.toml").runs == [log]
 
 

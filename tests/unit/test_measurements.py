@@ -131,8 +131,8 @@ REFUSED = {
     "header only": (frame(0), ["header but no data rows"]),
     "empty file": (b"", ["empty"]),
     "binary": (b"PK\x03\x04\x00\x00\x00", ["binary file"]),
-    "utf-16": (frame().to_csv(index=False).encode("utf-16"), ["binary file"]),
-    "latin-1": ("time,theta1,tau1\n0,1,2\n1,2,3°\n".encode("latin-1"), ["row 3", "UTF-8"]),
+    "utf-16": (frame().to_csv(index=False).encode("utf-16"), ["is UTF-16 text", '[data] encoding = "utf-16"']),
+    "latin-1": ("time,theta1,tau1\n0,1,2\n1,2,3°\n".encode("latin-1"), ["row 3", "UTF-8", 'encoding = "cp1252"']),
     "duplicate": (frame().to_csv(index=False).replace("tau1", "theta1", 1), ["column 'theta1'", "2 times"]),
     "truncated": (lines(lambda x: x[:-1] + [x[-1].split(",")[0]]), ["row 41", "1 fields", "3", "ends within a row"]),
     "ragged": (lines(lambda x: x[:7] + [x[7] + ",1"] + x[8:]), ["row 8", "4 fields", "3"]),
@@ -140,8 +140,13 @@ REFUSED = {
     "ragged with quotes": (lines(lambda x: ['time,"theta1",tau1', *x[1:6], x[6] + ",1"]), ["row 7", "4 fields"]),
     "text": (cell(9, "tau1", "overload"), ["row 9", "'tau1'", "'overload' is not a number"]),
     "decimal comma": (cell(9, "tau1", "0,5"), ["row 9", "'0,5'", "decimal point"]),
-    "semicolons": (frame().to_csv(index=False, sep=";"), ["semicolons", "commas"]),
-    "tabs": (frame().to_csv(index=False, sep="\t"), ["tabs"]),
+    "semicolons": (frame().to_csv(index=False, sep=";"), ["semicolons", 'in the study: [data] separator = ";"']),
+    "tabs": (frame().to_csv(index=False, sep="\t"), ["tabs", r'[data] separator = "\t"']),
+    "decimal commas": (frame().to_csv(index=False, sep=";", decimal=","), ['separator = ";", decimal = ","']),
+    "a preamble": ("Recorder 7\nof May, 2nd\n" + frame().to_csv(index=False), ["row 2: has", "preamble = 2"]),
+    "units below the names": (frame().to_csv(index=False).replace("\n", "\ns,rad,Nm\n", 1),
+                              ["row 2", "units_row = true"]),
+    "no names": (frame().to_csv(index=False, header=False), ["row 1 holds numbers", "[data] header = false"]),
     "no time": (frame().rename(columns={"time": "Time"}), ["'time'", "closest: 'Time'", "time_column"]),
     "none of ours": (frame().rename(columns={"theta1": "a", "tau1": "b"}),
                      ["none of the study's columns", "it has time, a, b"]),
@@ -174,8 +179,8 @@ def test_what_is_not_a_file_is_refused(tmp_path, read):
     read(frame())
     with pytest.raises(DataError, match="no log .*rum.csv; closest: 'run.csv'"):
         read_log(tmp_path / "rum.csv", study)
-    with pytest.raises(DataError, match=r"ending '.txt'.*\[data\] reader"):
-        read(frame(), "run.txt")
+    with pytest.raises(DataError, match=r"ending '.doc'.*\[data\] reader"):
+        read(frame(), "run.doc")
 
 
 def test_a_label_column_that_was_asked_for_must_be_there(read):

@@ -8,6 +8,7 @@ import pytest
 
 from pycosim.compile.parse import Library
 from pycosim.core.errors import BoundsError, StudyError, UnknownNameError
+from pycosim.study.layout import PLAIN, Layout
 from pycosim.study.parse import load_study
 from pycosim.study.schema import Column, Setting
 from pycosim.study.write import write_study
@@ -29,7 +30,12 @@ drop_outs = "skip"
 most = 50_000
 rate = 500
 time = [1, 30.5]
-header = false
+header = true
+separator = ";"
+decimal = ","
+encoding = "utf-16"
+preamble = 3
+units_row = true
 accept = ["sign"]
 rejected = ["torque_offset@motor1", "stribeck"]
 
@@ -71,7 +77,8 @@ def test_a_study_is_read_whole(study, tmp_path):
     assert (found.drop_outs, found.most) == ("skip", 50_000)
     assert found.columns["i1"] == Column("motor1.tau", "mA", 0.11)
     assert found.effects == [("viscous", "1A+2A")]
-    assert (found.rate, found.time, found.header, found.robust) == (500.0, (1.0, 30.5), False, True)
+    assert (found.rate, found.time, found.header, found.robust) == (500.0, (1.0, 30.5), True, True)
+    assert found.layout == Layout(True, ";", ",", "utf-16", 3, True)
     assert (found.accept, found.rejected) == (["sign"], ["torque_offset@motor1", "stribeck"])
     assert found.columns["theta2"] == Column("motor2.phi", "rad", gain=0.001, offset=-0.5, sign=-1)
 
@@ -82,6 +89,7 @@ def test_the_least_study_has_the_contracts_defaults(study):
     assert (found.runs, found.w_min, found.drop_outs, found.average, found.reader) == ([], None, "refuse", None, None)
     assert found.most == 2_000_000
     assert (found.rate, found.time, found.header, found.accept, found.rejected) == (None, None, True, [], [])
+    assert found.layout == PLAIN
     assert not found.robust
 
 
@@ -222,6 +230,10 @@ BROKEN = {
     "time span backwards": (RIG + "[data]\ntime = [3, 1]", ["time must be [first, last]", "[3, 1]"]),
     "header not a truth": (RIG + '[data]\nheader = "no"', ["header must be true or false"]),
     "no header of another format": (RIG + '[data]\nheader = false\nreader = "bam"', ["header = false", "bam"]),
+    "unknown encoding": (RIG + '[data]\nencoding = "utf16"', ["encoding = 'utf16'", "utf-16"]),
+    "two commas": (RIG + '[data]\ndecimal = ","', ["separator and decimal", "keep one"]),
+    "preamble": (RIG + "[data]\npreamble = -1", ["preamble = -1"]),
+    "units of no header": (RIG + "[data]\nheader = false\nunits_row = true", ["units_row", "preamble"]),
     "accept not texts": (RIG + "[data]\naccept = [1]", ["accept must be a list of texts", "1"]),
     "rejected and there": (RIG + '[data]\nrejected = ["viscous@1A"]\n'
                            '[[effects]]\neffect = "viscous"\nplace = "1A"',

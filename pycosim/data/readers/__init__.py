@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import importlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,11 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import DataError, StudyError, closest
+from ...study.layout import PLAIN
 
 # name in `[data] reader`, or ending of the file: module with `read(path, wanted, text) -> Table`, or, where a file may
 # be larger than memory, `parts(path, wanted, text) -> rows, iterator of Table`, see `read_parts`
-READERS = {"bam": "bam", "epos": "epos", ".csv": "comma", ".parquet": "parquet", ".pq": "parquet", ".mat": "matlab",
-           ".mcap": "mcap", ".mf4": "mdf", ".mdf": "mdf"}
+READERS = {"bam": "bam", "epos": "epos", ".csv": "comma", ".txt": "comma", ".tsv": "comma", ".dat": "comma",
+           ".asc": "comma", ".parquet": "parquet", ".pq": "parquet", ".mat": "matlab", ".mcap": "mcap",
+           ".mf4": "mdf", ".mdf": "mdf"}
 
 
 BLOCK = 2**22
@@ -45,7 +48,7 @@ class Table:
     meta: dict = field(default_factory=dict)
 
 
-def read_parts(path, name, wanted, text, header=True):
+def read_parts(path, name, wanted, text, layout=PLAIN):
     """Read a file with the reader of this name, or the one its ending asks for.
 
     Parameters
@@ -57,8 +60,8 @@ def read_parts(path, name, wanted, text, header=True):
         Columns to read as numbers; those that the file lacks are left out.
     text : str
         Column to read as text.
-    header : bool
-        Whether the first row of a text file names the columns; else they are called "1", "2", ...
+    layout : Layout
+        How a text file holds its table.
 
     Returns
     -------
@@ -79,10 +82,10 @@ def read_parts(path, name, wanted, text, header=True):
         raise DataError(f"{path}: cannot tell the format from the ending '{path.suffix}'; use "
                         f"{', '.join(r for r in READERS if r[0] == '.')}, or set [data] reader")
     module = importlib.import_module(f".{READERS[key]}", __package__)
-    if not header:
-        if READERS[key] != "comma":
-            raise DataError(f"{path}: header = false is for comma-separated text; remove it from [data]")
-        return module.parts(path, wanted, text, False)
+    if READERS[key] == "comma":
+        return module.parts(path, wanted, text, layout)
+    if layout.said:
+        raise DataError(f"{path}: {layout.lines[0]} is for comma-separated text; remove it from [data]")
     if hasattr(module, "parts"):
         return module.parts(path, wanted, text)
     table = module.read(path, wanted, text)
@@ -141,20 +144,37 @@ def text_blocks(path, encoding="utf-8-sig"):
     DataError
         The file is not text.
     """
+    if encoding.startswith("utf-16"):
+        yield from _wide_blocks(path, encoding)
+        return
     row = 1
     with Path(path).open("rb") as stream:
         while raw := stream.read(BLOCK) + stream.readline():
+            if row == 1 and raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+                raise DataError(f"{path}: is UTF-16 text, not UTF-8; save the file as UTF-8")
             if b"\0" in raw:
                 raise DataError(f"{path}: is a binary file, not text; export the log as comma-separated text")
             try:
                 text = raw.decode(encoding)
             except UnicodeDecodeError as error:
                 row += raw.count(b"\n", 0, error.start)
-                raise DataError(f"{path}, row {row}: is not UTF-8 text; save the file as UTF-8, "
-                                "or set [data] reader") from None
+                name = encoding.removesuffix("-sig").upper()
+                raise DataError(f"{path}, row {row}: is not {name} text; save the file as UTF-8, or set [data] "
+                                "reader") from None
             yield text
             row += raw.count(b"\n")
             encoding = encoding.removesuffix("-sig")  # a byte-order mark stands at the start alone
+
+
+def _wide_blocks(path, encoding):
+    """Blocks of whole lines of text whose letters have two bytes, where a byte of a line break says nothing."""
+    try:
+        with Path(path).open(encoding=encoding, newline="") as stream:
+            while text := stream.read(BLOCK) + stream.readline():
+                yield text
+    except UnicodeError:
+        raise DataError(f"{path}: is not {encoding.upper()} text; set another [data] encoding, or none for "
+                        "UTF-8") from None
 
 
 def optional(path, package, module, kind, extra):
