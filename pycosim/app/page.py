@@ -1,23 +1,20 @@
-"""A workbench in; its page in a browser, out."""
+"""A session in; its page in a browser, out."""
 
 from __future__ import annotations
 
+import base64
+import io
 import socket
-from dataclasses import replace
-from pathlib import Path
 
-from nicegui import run, ui
+from nicegui import app, run, ui
 
 from ..compile import compile_model, find_effect
-from ..core.errors import PycosimError
 from ..diagnosis.compare import worded
 from ..diagnosis.dependence import noise_floor
 from ..fit.nullspace import number
 from ..report import charts, records, sentences
-from ..study.schema import Column
-from ..study.template import rigs
-from .jobs import Cancelled, Job
-from .mapping import wanted
+from .session import Session
+from .wizard import Wizard
 from .workbench import Given, Workbench
 
 PRIMARY = "#2b6ea6"  # 5.3 to white, as text and as ground
@@ -26,45 +23,54 @@ HIDDEN_CHARTS = """<script>
 addEventListener("unhandledrejection", e => { if (/displayed plot div/.test(e.reason)) e.preventDefault(); });
 </script>"""
 CARDS, DRAWN = 12, 3  # candidates that are listed, and of these with their signature
-NONE = "(not in the log)"
+TICK = 0.3  # s between looks at what has changed
+SOON = 0.05  # s until figures are begun, so that words are there first
+RESULTS = "/results"
+PARTS = {"log": ("data",), "answers": (), "steps": ("summary", "data", "comparison", "effects", "parameters", "plan",
+                                                    "search", "export"),
+         "diagnosis": ("effects",), "plan": ("plan",), "search": ("search",), "saved": ("export",)}
+"""What is drawn anew when a part of the session has changed; answers fill their fields instead."""
 
 
 class Page:
-    """What one browser shows of the workbench.
+    """What one browser shows of the session; all that it does not share is what it looks at.
 
     Parameters
     ----------
-    bench : Workbench
+    session : Session
     dark : bool
         The reader's theme.
     """
 
-    def __init__(self, bench, dark):
-        self.bench, self.job = bench, None
+    def __init__(self, session, dark):
+        self.session, self.bench = session, session.bench
         self.dark = ui.dark_mode(dark)
-        self.window, self.timeline, self.pick, self.log, self.draft = None, None, {}, None, None
+        self.window, self.timeline, self.notices = None, None, []
+        self.wizard = Wizard(session, self.notice)
+        self.seen = session.changed.copy()
         self._header()
         with ui.element("main").classes("w-full max-w-screen-xl mx-auto p-4"):
-            self.alert = ui.label().props('role=alert').classes("text-lg font-bold")
-            self.alert.set_visibility(False)
+            self.stages = ui.label().classes("text-sm").props("data-stages")
             self.summary()
-            with ui.tabs().props('aria-label="Steps"') as tabs:
-                names = [ui.tab(n) for n in ("Data", "Comparison", "Effects", "Export")]
-            panels = ui.tab_panels(tabs, value=names[1 if bench.steps else 0])
+            with ui.tabs().props('aria-label="Steps" mobile-arrows outside-arrows') as tabs:
+                names = [ui.tab(n) for n in ("Data", "Comparison", "Effects", "Parameters", "Plan", "Report", "Export")]
+            panels = ui.tab_panels(tabs, value=names[1 if self.bench.steps else 0])
             with panels.classes("w-full bg-transparent"):
-                for name, part in zip(names, (self.data, self.comparison, self.effects, self.export)):
-                    with ui.tab_panel(name):
+                for name, part in zip(names, (self.data, self.comparison, self.effects, self.parameters, self.plan,
+                                              self.search, self.export)):
+                    with ui.tab_panel(name).classes("px-0"):
                         part()
+            self.tabs, self.steps = tabs, names
+        ui.timer(TICK, self._tick)
 
     def _header(self):
         with ui.header().classes("items-center justify-between").style("background: #0b4f7d").props("elevated"):
             ui.label("pycosim").classes("text-xl").props('role=heading aria-level=1')
             with ui.row().classes("items-center"):
                 self.state = ui.label("ready").props('role=status aria-live=polite')
-                self.cancel = ui.button("Cancel", on_click=self._cancel).props("flat color=white")
+                self.cancel = ui.button("Cancel", on_click=self.session.cancel).props("flat color=white")
                 self.cancel.set_visibility(False)
                 ui.button("Light or dark", on_click=self._toggle).props("flat color=white")
-        ui.timer(0.3, self._tick)
 
     @property
     def theme(self):
@@ -73,67 +79,71 @@ class Page:
 
     def _toggle(self):
         self.dark.value = not self.dark.value
-        self.refresh()
+        for part in PARTS["steps"]:
+            getattr(self, part).refresh()
 
-    def _cancel(self):
-        if self.job:
-            self.job.cancelled = True
+    # ---- what the session has meanwhile
+
+    def notice(self, place):
+        """A line for what goes wrong at a button.
+
+        Parameters
+        ----------
+        place : str
+            The button's, as in `Session.errors`.
+        """
+        line = ui.label().props("role=alert").classes("font-bold pl-2").style("border-left: 4px solid #c10015")
+        self.notices.append((place, line))
+        self._fill(place, line)
+
+    def _fill(self, place, line):
+        text = self.session.errors.get(place, "")
+        if line.text != text:
+            line.text = text
+        line.set_visibility(bool(text))
 
     def _tick(self):
-        self.cancel.set_visibility(self.job is not None)
-        self.state.text = "ready" if self.job is None else (
-            "giving up at the next stage" if self.job.cancelled else self.job.told)
+        """Show what has changed, in this tab or another."""
+        job, changed = self.session.job, self.session.changed.copy()
+        self.cancel.set_visibility(job is not None)
+        self.state.text = "ready" if job is None else job.told
+        self.stages.text = "" if job is None else "; ".join(
+            f"{word}: {', '.join(texts)}" for word, texts in (("Done", job.done), ("now", (job.text,)),
+                                                              ("left", job.left)) if texts)
+        parts = [k for k in changed if changed[k] != self.seen[k]]
+        self.seen = changed
+        if "steps" in parts:
+            self.window = self.timeline = None
+            if self.tabs.value in (self.steps[0], "Data"):
+                self.tabs.value = "Comparison"
+        for name in dict.fromkeys(n for part in parts for n in PARTS[part]):
+            getattr(self, name).refresh()
+        self.wizard.fill_if(parts)
+        self.notices = [(place, line) for place, line in self.notices if not line.is_deleted]
+        for place, line in self.notices:
+            self._fill(place, line)
 
-    # ---- work
-
-    def fail(self, text):
-        """Say what went wrong, in the sentence of the command line.
+    def later(self, make, show=None):
+        """Draw charts when the words are there, without holding anything else up.
 
         Parameters
         ----------
-        text : str
+        make : callable
+            Gives a chart, or what ``show`` takes.
+        show : callable, optional
+            Draws it; as one chart by default.
         """
-        self.alert.text = " ".join(text.split())
-        self.alert.set_visibility(bool(text))
+        place = ui.column().classes("w-full")
+        with place:
+            ui.label("drawing").props("role=status").classes("text-sm")
 
-    async def work(self, function, *arguments):
-        """Do something long in the background.
-
-        Parameters
-        ----------
-        function : callable
-            Takes ``progress``.
-        *arguments
-            Its arguments.
-
-        Returns
-        -------
-        object
-            What it returned, or True; False where it failed or was given up.
-        """
-        if self.job:
-            self.fail("something is being computed already; wait for it, or cancel it")
-            return False
-        self.fail("")
-        self.job = job = Job()
-        try:
-            found = await run.io_bound(lambda: function(*arguments, progress=job))
-            return True if found is None else found
-        except Cancelled:
-            self.fail("Given up; everything is as it was before.")
-        except PycosimError as error:
-            self.fail(str(error))
-        except Exception as error:
-            self.fail(f"failed: {type(error).__name__}: {error}; this is a fault of pycosim")
-        finally:
-            self.job = None
-        return False
-
-    def refresh(self):
-        """Draw everything as the workbench is now."""
-        self.window = self.timeline = None
-        for part in (self.summary, self.data, self.comparison, self.effects, self.export):
-            part.refresh()
+        async def draw():
+            made = await run.io_bound(make)
+            if not place.is_deleted:
+                place.clear()
+                with place:
+                    (show or self.plot)(made)
+        ui.timer(SOON, draw, once=True)
 
     def plot(self, chart):
         """A chart, with words that stand for it.
@@ -177,52 +187,17 @@ class Page:
                 held_out.props("data-held-out")
             undo = ui.button("Undo", on_click=self._undo)
             undo.set_enabled(len(self.bench.steps) > 1)
+        self.notice("undo")
 
     @ui.refreshable_method
     def data(self):
-        """Pick a study or a log, and say what its columns are."""
-        with ui.row().classes("items-end w-full"):
-            study = ui.input("Study file on this machine").classes("grow")
-            ui.button("Open study", on_click=lambda: self._open(study.value))
-        with ui.row().classes("items-end w-full"):
-            log = ui.input("Log file on this machine").classes("grow")
-            ui.button("Use log", on_click=lambda: self._use(Path(log.value)))
-        ui.upload(label="or drop a log here (CSV, Parquet, MAT, MCAP, MDF)", auto_upload=True,
-                  on_upload=self._dropped).props("flat bordered").classes("w-full")
-        if self.log:
-            self._mapping()
+        """Pick a study or a log, say what its columns are, and see what was read."""
+        self.wizard.build()
         if self.bench.steps:
             for line in sentences.summary_data(self.bench.dataset):
                 ui.label(line)
-            chart = charts.plane(self.bench.dataset)
-            if chart:
-                self.plot(chart)
-
-    def _mapping(self):
-        """Variables of the rig, and the column that holds each."""
-        known = rigs(self.bench.library)
-        rig = self.draft.rig
-        ui.select({v: k for k, v in known.items()}, value=rig, label="Rig",
-                  on_change=lambda e: self._suggest(e.value)).classes("w-64")
-        model, by = compile_model(self.bench.library, rig), {c.variable: (n, c) for n, c in self.draft.columns.items()}
-        self.pick = {}
-        with ui.grid(columns="auto auto auto auto").classes("items-center"):
-            for title in ("variable", "column of the log", "unit there", "k_m [N.m/A], of a current"):
-                ui.label(title).classes("font-bold")
-            for variable, (unit, role) in wanted(model).items():
-                name, column = by.get(variable, (NONE, Column(variable, unit)))
-                ui.label(f"{variable} [{unit}], {role}")
-                self.pick[variable] = (
-                    ui.select([NONE, *self.columns], value=name).props(f'dense aria-label="Column of {variable}"'),
-                    ui.input(value=column.unit).props(f'dense aria-label="Unit of {variable}"'),
-                    ui.number(value=column.k_m).props(f'dense aria-label="k_m of {variable}"')
-                    if variable.endswith(".tau") else None)
-                if self.pick[variable][2] is None:
-                    ui.label("")
-        with ui.row().classes("items-end"):
-            self.reference = ui.select(["unknown", "sensor", "gravity_model"], value=self.draft.reference,
-                                       label="Reference torques come from").classes("w-64")
-            ui.button("Use these columns", on_click=self._mapped)
+            dataset = self.bench.dataset
+            self.later(lambda: charts.plane(dataset), lambda chart: self.plot(chart) if chart else None)
 
     @ui.refreshable_method
     def comparison(self):
@@ -251,22 +226,29 @@ class Page:
         models = [(self.bench.steps[k].model, self.bench.steps[k].fit) for k in numbers]
         names = [self.bench.names()[k] for k in numbers]
         if not d.averaged:
-            self.timeline = charts.timeline(d, models, names)
-            drawn = self.plot(charts.zoomed(self.timeline, self.window))
-            drawn.on("plotly_relayout", lambda e: self._zoom(drawn, e.args))
-            self._region()
-        found = {**{c.choice: c for c in charts.maps(d, models, names)},
-                 **{c.choice: c for c in charts.profiles(d, models, names)}}
-        if found:
-            choice = ui.select(list(found), value=next(iter(found)), label="Where the error is").classes("w-96")
-            with ui.column().classes("w-full") as place:
-                self.plot(found[choice.value])
+            self.later(lambda: charts.timeline(d, models, names), self._timeline)
+        self.later(lambda: {**{c.choice: c for c in charts.maps(d, models, names)},
+                            **{c.choice: c for c in charts.profiles(d, models, names)}}, self._choice)
 
-            def show():
-                place.clear()
-                with place:
-                    self.plot(found[choice.value])
-            choice.on_value_change(show)
+    def _timeline(self, chart):
+        self.timeline = chart
+        drawn = self.plot(charts.zoomed(chart, self.window))
+        drawn.on("plotly_relayout", lambda e: self._zoom(drawn, e.args))
+        self._region()
+
+    def _choice(self, found):
+        """Charts of where the error is, one at a time."""
+        if not found:
+            return
+        choice = ui.select(list(found), value=next(iter(found)), label="Where the error is").classes("w-full max-w-sm")
+        with ui.column().classes("w-full") as place:
+            self.plot(found[choice.value])
+
+        def show():
+            place.clear()
+            with place:
+                self.plot(found[choice.value])
+        choice.on_value_change(show)
 
     def _region(self):
         """What the error depends on in a part of the log."""
@@ -275,6 +257,7 @@ class Page:
             self.begin = ui.number("From [s]", value=0.0, format="%.3g")
             self.end = ui.number("to [s]", value=round(end, 3), format="%.5g")
             ui.button("What does the error depend on here?", on_click=self._depends)
+        self.notice("region")
         self.answer = ui.column().props('aria-live=polite')
 
     @ui.refreshable_method
@@ -284,7 +267,8 @@ class Page:
         if not bench.steps:
             ui.label("No data yet.")
             return
-        ui.button("Diagnose", on_click=self._diagnose)
+        ui.button("Diagnose", on_click=lambda: self.session.start("diagnose", bench.diagnose, after=("diagnosis",)))
+        self.notice("diagnose")
         if bench.found is not None:
             told = records.diagnosis(bench.found, bench.dataset)
             for line in sentences.summary_diagnosis({**told, "undetectable": []}, bench.library, len(bench.steps) > 1):
@@ -294,21 +278,23 @@ class Page:
             with ui.expansion("What these data cannot show").classes("w-full"):
                 for line in sentences.summary_undetectable(told["undetectable"]):
                     ui.label(line)
-        floor = noise_floor(bench.dataset, bench.step.model, bench.step.fit)
-        self.plot(charts.ladder(bench.dataset, bench.steps, floor))
+        dataset, steps = bench.dataset, bench.steps
+        self.later(lambda: charts.ladder(dataset, steps, noise_floor(dataset, steps[-1].model, steps[-1].fit)))
 
     def _card(self, told, finding, drawn):
         effect, place = told["effect"], told["place"]
+        key = f"add {effect}@{place}"
         with ui.card().classes("w-full"):
             with ui.row().classes("items-center justify-between w-full"):
                 ui.label(f"{effect.replace('_', ' ')} at {place}" + (" - accepted" if told["accepted"] else "")
                          ).classes("text-lg font-bold").props("role=heading aria-level=3")
-                ui.button("Add", on_click=lambda: self._add(effect, place)).props(
-                    f'aria-label="Add {effect} at {place}"')
+                ui.button("Add", on_click=lambda: self.session.start(key, self.bench.add, effect, place, after=(
+                    "steps", "diagnosis"))).props(f'aria-label="Add {effect} at {place}"')
+            self.notice(key)
             for line in self._lines(told):
                 ui.label(line)
             if drawn and finding.fit is not None:
-                self._signature(finding)
+                self.later(self._signature(finding))
 
     def _lines(self, told):
         yield told.get("sentence") or f"{find_effect(self.bench.library, told['effect']).description}."
@@ -320,10 +306,75 @@ class Page:
             yield f"What would decide: {told['experiment']}."
 
     def _signature(self, finding):
-        step = self.bench.step
-        attached = step.model.keys
-        model = compile_model(self.bench.library, step.model.rig, [*attached, finding.key])
-        self.plot(charts.signature(self.bench.dataset, (step.model, step.fit), (model, finding.fit), finding.key))
+        step, dataset = self.bench.step, self.bench.dataset
+
+        def made():
+            model = compile_model(self.bench.library, step.model.rig, [*step.model.keys, finding.key])
+            return charts.signature(dataset, (step.model, step.fit), (model, finding.fit), finding.key)
+        return made
+
+    @ui.refreshable_method
+    def parameters(self):
+        """Values, intervals, and what the data do not determine."""
+        if not self.bench.steps:
+            ui.label("No data yet.")
+            return
+        fitted = self.bench.fitted
+        rows = [{"name": n, "value": f"{p.value:.4g}", "unit": p.unit, "description": p.description,
+                 "interval": f"{p.ci95[0]:.4g} to {p.ci95[1]:.4g}" if p.identifiable else "not determined by itself",
+                 "note": f"at its {p.at_bound}" if p.at_bound else ""} for n, p in fitted.params.items()]
+        titles = {"name": "parameter", "value": "value", "interval": "95 % interval", "unit": "unit", "note": "note",
+                  "description": "what it is"}
+        ui.table(rows=rows, row_key="name", columns=[{"name": k, "label": t, "field": k, "align": "left"}
+                                                     for k, t in titles.items()]).classes("w-full")
+        for line in fitted.undetermined:
+            ui.label(line)
+        self.later(lambda: charts.intervals(fitted.to_dict()))
+
+    @ui.refreshable_method
+    def plan(self):
+        """The next experiment."""
+        bench = self.bench
+        if not bench.steps:
+            ui.label("No data yet.")
+            return
+        goals = {"parameters": "narrow the intervals", "twins": "separate what the diagnosis could not",
+                 "detect": "show what these data could not"}
+        with ui.row().classes("items-end"):
+            goal = ui.select(goals, value="parameters", label="The experiment should").classes("w-72")
+            budget = ui.number("longest duration [s]", value=120, min=1).classes("w-40")
+            ui.button("Plan", on_click=lambda: self.session.start(
+                "plan", bench.plan, goal.value, float(budget.value or 0), after=("plan",)))
+        self.notice("plan")
+        if bench.planned is None:
+            return
+        planned = bench.planned
+        for line in planned.sentences:
+            ui.label(line)
+        ui.button("Take the motion (CSV)", on_click=lambda: self._take(lambda: (
+            bench.make(), planned.to_csv(bench.folder / "plan.csv"))[-1]))
+        self.notice("take")
+        self.later(lambda: _picture(planned.plot.motion()),
+                   lambda source: ui.html(f'<img src="{source}" alt="The motion of the motors over time" '
+                                          'style="max-width: 100%; background: white">', sanitize=False))
+
+    @ui.refreshable_method
+    def search(self):
+        """The whole search, and its report."""
+        bench = self.bench
+        if not bench.steps:
+            ui.label("No data yet.")
+            return
+        ui.label("Effects are added to the base model until nothing is left to learn; the report tells how.")
+        ui.button("Search and report", on_click=lambda: self.session.start(
+            "search", bench.search, after=("steps", "diagnosis", "search")))
+        self.notice("search")
+        if bench.searched is None:
+            return
+        app.add_static_files(RESULTS, bench.folder)
+        ui.link("Open the report", f"{RESULTS}/{bench.report.name}", new_tab=True).classes("text-lg")
+        for line in bench.searched.sentences:
+            ui.label(line)
 
     @ui.refreshable_method
     def export(self):
@@ -333,69 +384,22 @@ class Page:
             return
         ui.label("The study with everything that was added; the command line reads it as it is.")
         ui.button("Save study", on_click=self._save)
-        self.saved = ui.label().props('role=status')
+        self.notice("save")
+        ui.label(self.session.saved).props("role=status")
         ui.separator()
         version = ui.select({2: "FMI 2", 3: "FMI 3"}, value=2, label="Version").classes("w-40")
         ui.button("Export FMU", on_click=lambda: self._export(version.value))
+        self.notice("export")
 
     # ---- what a click does
 
-    async def _open(self, path):
-        if await self.work(self.bench.open, path, None):
-            self.refresh()
-
-    async def _dropped(self, event):
-        try:
-            self.bench.make()
-        except PycosimError as error:
-            self.fail(str(error))
-            return
-        path = self.bench.folder / Path(event.file.name).name
-        await event.file.save(path)
-        await self._use(path)
-
-    async def _use(self, path):
-        """A log: with the columns of the open study, or to be mapped."""
-        self.log = None
-        if self.bench.study is not None:
-            if await self.work(self.bench.take, self.bench.study.with_data([path])):
-                self.refresh()
-            return
-        self.log = path
-        self._suggest()
-
-    def _suggest(self, rig=None):
-        try:
-            self.fail("")
-            self.columns = self.bench.header(self.log)
-            self.draft = self.bench.suggested(self.log, rig or self.bench.likely_rig(self.log))
-        except PycosimError as error:
-            self.log = None
-            self.fail(str(error))
-        self.data.refresh()
-
-    async def _mapped(self):
-        columns = {column.value: Column(variable, unit.value, k_m.value if k_m and unit.value in ("A", "mA") else None)
-                   for variable, (column, unit, k_m) in self.pick.items() if column.value != NONE}
-        study = replace(self.draft, columns=columns, reference=self.reference.value)
-        if await self.work(self.bench.take, study):
-            self.refresh()
-
-    async def _diagnose(self):
-        if await self.work(self.bench.diagnose):
-            self.effects.refresh()
-
-    async def _add(self, effect, place):
-        if await self.work(self.bench.add, effect, place):
-            self.refresh()
-
     def _undo(self):
-        try:
-            self.bench.undo()
-            self.fail("")
-        except PycosimError as error:
-            self.fail(str(error))
-        self.refresh()
+        self.session.soon("undo", self.bench.undo, after=("steps", "diagnosis"))
+
+    def _take(self, make):
+        made = self.session.soon("take", make)
+        if made:
+            ui.download.file(made)
 
     def _zoom(self, drawn, change):
         if change.get("xaxis.autorange"):
@@ -412,11 +416,8 @@ class Page:
 
     def _depends(self):
         self.answer.clear()
-        try:
-            found = self.bench.region(float(self.begin.value or 0), float(self.end.value or 0))
-            self.fail("")
-        except PycosimError as error:
-            self.fail(str(error))
+        found = self.session.soon("region", self.bench.region, float(self.begin.value or 0), float(self.end.value or 0))
+        if found is None:
             return
         with self.answer:
             ui.label(f"{found['samples']} samples with {100 * found['energy']:.1f} % of the error's energy. What bins "
@@ -425,16 +426,25 @@ class Page:
                 ui.label(f"{worded(name)}: {100 * share:.0f} %")
 
     def _save(self):
-        try:
-            self.saved.text = f"Saved: {self.bench.save()}"
-            self.fail("")
-        except PycosimError as error:
-            self.fail(str(error))
+        made = self.session.soon("save", self.bench.save)
+        if made:
+            self.session.saved = f"Saved: {made}"
+            self.session.changed.update(("saved",))
 
     async def _export(self, fmi):
-        made = await self.work(self.bench.export, fmi)
+        made = []
+        thread = self.session.start("export", lambda progress: made.append(self.bench.export(fmi, progress)))
+        if thread is not None:
+            await run.io_bound(thread.join)
         if made:
-            ui.download.file(made)
+            ui.download.file(made[0])
+
+
+def _picture(axes):
+    """A drawing of matplotlib's as the address of an image."""
+    figure, drawn = (axes.flat[0] if hasattr(axes, "flat") else axes).figure, io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=110)
+    return f"data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode()}"
 
 
 def refuse_taken(port):
@@ -484,6 +494,7 @@ def serve(study, data, folder, port, show, progress, say):
     refuse_taken(port)
     if study is not None:
         bench.open(study, data, progress)
+    session = Session(bench)
     progress.stop()
     say(f"http://127.0.0.1:{port} until Ctrl-C")
 
@@ -492,7 +503,7 @@ def serve(study, data, folder, port, show, progress, say):
         ui.add_head_html(HIDDEN_CHARTS)
         ui.colors(primary=PRIMARY)
         await ui.context.client.connected()
-        Page(bench, bool(await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")))
+        Page(session, bool(await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")))
 
     # what is computed holds the interpreter for seconds at a time; a browser must not take that for a lost connection
     ui.run(host="127.0.0.1", port=port, show=show, reload=False, show_welcome_message=False, reconnect_timeout=120.0)

@@ -11,14 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..compile import Library, compile_model
+from ..compile import Library
 from ..core.errors import PycosimError, StudyError
-from ..data.readers import read_parts
 from ..project import open_project
 from ..report import values
-from ..study.schema import Setting, Study
-from ..study.template import first_parameters, rigs
-from .mapping import suggest, wanted
 
 FEW = 200  # samples below which a region says nothing
 
@@ -43,11 +39,17 @@ class Workbench:
         The base model first; empty until data are read.
     diagnosed : Diagnosis or None
         Of the last model; None until asked for.
+    searched : Search or None
+        The last search, with its report.
+    report : Path or None
+    planned : Plan or None
+        The last planned experiment.
     """
 
     def __init__(self, folder):
         self.folder = Path(folder).absolute()
         self.project, self.fits, self.diagnosed = None, [], None
+        self.searched = self.report = self.planned = None
         self._library, self._listener = Library(), None
 
     def _say(self, text):
@@ -128,72 +130,24 @@ class Workbench:
         fitted.step  # noqa: B018  computed now, not while the page is drawn
         self._say("done")
         self.project, self.fits, self.diagnosed = project, [fitted], None
+        self.searched = self.report = self.planned = None
 
-    def header(self, path):
-        """Columns of a log.
-
-        Parameters
-        ----------
-        path : path
-
-        Returns
-        -------
-        list of str
-
-        Raises
-        ------
-        PycosimError
-        """
-        return next(read_parts(Path(path), None, set(), "")[1]).header
-
-    def likely_rig(self, path):
-        """The rig whose needed and compared variables a log's columns name best.
+    def mapped(self, proposal, model, reference):
+        """The study that a mapped log makes.
 
         Parameters
         ----------
-        path : path
-
-        Returns
-        -------
-        str
-            Modelica class.
-
-        Raises
-        ------
-        PycosimError
-        """
-        header, best = self.header(path), {}
-        for rig in rigs(self.library).values():
-            try:
-                model = compile_model(self.library, rig)
-                asked = [n for n, (_, role) in wanted(model).items() if role != "optional"]
-            except PycosimError:  # a rig that cannot be asked for joint torques
-                continue
-            named = {c.variable for c in suggest(header, model).values()}
-            best[rig] = sum(n in named for n in asked), -sum(n not in named for n in asked)
-        return max(best, key=best.get)
-
-    def suggested(self, path, rig):
-        """A study for a log that has none, by the names of its columns.
-
-        Parameters
-        ----------
-        path : path
-        rig : str
-            Modelica class.
+        proposal : Proposal
+        model : Model
+            The rig.
+        reference : str
+            Where the joint torques come from.
 
         Returns
         -------
         Study
-
-        Raises
-        ------
-        PycosimError
         """
-        model = compile_model(self.library, rig)
-        columns = suggest(self.header(path), model)
-        free = {n: Setting(fixed=False) for n in first_parameters(model)}
-        return Study(self.folder / "study.toml", rig, parameters=free, runs=[Path(path).absolute()], columns=columns)
+        return replace(proposal.study(self.folder / "study.toml", model), reference=reference)
 
     # ---- the loop
 
@@ -303,6 +257,48 @@ class Workbench:
                 depends.append((name, max(0.0, 1 - (1 - share) * (n - 1) / (n - values.BINS))))
         depends.sort(key=lambda d: -d[1])
         return {"samples": n, "energy": float((part ** 2).sum() / (residual ** 2).sum()), "depends": depends}
+
+    def search(self, progress=None):
+        """Add effects to the base model until nothing is left to learn, and write the report.
+
+        Parameters
+        ----------
+        progress : callable, optional
+
+        Raises
+        ------
+        PycosimError
+        """
+        project, self._listener = self.fitted.project, progress
+        found = project.improve()
+        self.make()
+        report = found.report(self.folder / "report.html")
+        self._say("done")
+        if self.project is project:
+            self.fits, self.diagnosed = [step.fitted for step in found.steps], found.last
+            self.searched, self.report = found, report
+
+    def plan(self, goal, budget, progress=None):
+        """Plan the next experiment from the present model.
+
+        Parameters
+        ----------
+        goal : str
+            As for `Project.plan`.
+        budget : float
+            Longest duration [s].
+        progress : callable, optional
+
+        Raises
+        ------
+        PycosimError
+            The limits leave no experiment, or nothing can be learnt.
+        """
+        fitted, self._listener = self.fitted, progress
+        planned = fitted.plan(goal, budget)
+        self._say("done")
+        if self.fitted is fitted:
+            self.planned = planned
 
     # ---- results
 

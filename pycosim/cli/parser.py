@@ -13,8 +13,8 @@ VERBS = {
     "demo": ("the whole story on data with a hidden effect, offline", "ladder.json", "pycosim demo",
              "Makes a log of a machine with an effect that its model lacks, and finds it."),
     "new": ("a commented study to start from", None, "pycosim new HipKnee --data run1.csv",
-            "Writes <rig>.toml: the rig's parameters, the columns a log needs, and the effects that can be added. A log "
-            "is looked at, and what it does not tell is asked; where nobody can answer, --map, --rate, --si and "
+            "Writes <rig>.toml: the rig's parameters, the columns a log needs, and the effects that can be added. A "
+            "log is looked at, and what it does not tell is asked; where nobody can answer, --map, --rate, --si and "
             "--without do."),
     "check": ("what the log is, before any physics: wiring, units, clocks, outliers", "check.json",
               "pycosim check study.toml --data run1.csv",

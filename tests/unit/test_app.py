@@ -1,14 +1,17 @@
-"""Claims about the app without a page: columns are suggested by name, steps go forth and back, the study stays."""
+"""Claims about the app without a page: one state and one job for all tabs, steps go forth and back, the study stays."""
 
 import socket
+import threading
+from dataclasses import replace
 
 import pytest
 
-from pycosim.app.mapping import suggest
+from pycosim.app.jobs import Cancelled, Job
+from pycosim.app.session import BUSY, Session, place_of
 from pycosim.app.workbench import Given, Workbench
 from pycosim.cli import demo
 from pycosim.cli.entry import main
-from pycosim.compile import Library, compile_model
+from pycosim.compile import Library
 from pycosim.core.errors import PycosimError
 from pycosim.report.folder import Folder
 from pycosim.study.parse import load_study
@@ -22,24 +25,10 @@ def study(tmp_path_factory):
     return folder / "study.toml"
 
 
-@pytest.mark.parametrize("header, wanted", [
-    (["time", "theta1", "tau2", "C_H", "temperature"],
-     {"theta1": ("motor1.phi", "rad"), "tau2": ("motor2.tau", "N.m"), "C_H": ("C_H", "N.m"),
-      "temperature": ("temperature", "degC")}),
-    (["t", "Motor2 position [deg]", "motor_speed_1 (rpm)", "current 1 [mA]", "remark"],
-     {"Motor2 position [deg]": ("motor2.phi", "deg"), "motor_speed_1 (rpm)": ("motor1.w", "rpm"),
-      "current 1 [mA]": ("motor1.tau", "mA")}),
-    (["a", "b"], {})])
-def test_columns_are_suggested_by_their_names(header, wanted):
-    found = suggest(header, compile_model(Library(), demo.RIG))
-    assert {n: (c.variable, c.unit) for n, c in found.items()} == wanted
-
-
 def test_the_loop_goes_forth_and_back(study, tmp_path):
     bench = Workbench(tmp_path / "app")
     with pytest.raises(Given, match="no data are read yet"):
         bench.diagnose()
-    assert bench.likely_rig(study.parent / "run.csv") == demo.RIG
     bench.open(study)
     before = bench.step.held_out_error
     bench.add("stribeck", "2A")
@@ -85,6 +74,75 @@ def test_work_that_fails_leaves_what_was_there(study, tmp_path):
     with pytest.raises(PycosimError):
         bench.open(tmp_path / "none.toml")
     assert bench.step is step
+
+
+# --- the session: what all tabs show ------------------------------------------------------------------------------
+
+
+def test_a_job_tells_what_is_done_and_what_is_left():
+    job = Job("open", ("reading", "checking", "fitting"))
+    assert (job.done, job.left) == ((), ("reading", "checking", "fitting"))
+    job("checking the logs")
+    assert (job.done, job.left) == (("reading",), ("fitting",)) and job.told == "checking the logs (0 s)"
+    job("something else")  # no stage of it
+    assert job.done == ("reading",)
+    job.cancelled = True
+    with pytest.raises(Cancelled):
+        job("fitting")
+
+
+def test_one_piece_of_work_goes_on_and_another_is_refused_at_its_button(tmp_path):
+    session, go, seen = Session(Workbench(tmp_path)), threading.Event(), []
+
+    def work(progress):
+        progress("working")
+        seen.append(session.job)
+        go.wait(10)
+        progress("still working")
+    first = session.start("diagnose", work, after=("diagnosis",))
+    assert session.start("plan", work) is None and session.errors == {"plan": BUSY}
+    session.cancel()
+    go.set()
+    first.join(10)
+    assert session.job is None and len(seen) == 1
+    assert session.errors["diagnose"].startswith("Given up") and not session.changed["diagnosis"]
+    session.start("plan", lambda progress: None, after=("plan",)).join(10)
+    assert session.errors == {} and session.changed["plan"] == 1
+
+
+def test_what_fails_stands_at_the_button_that_caused_it(tmp_path):
+    session = Session(Workbench(tmp_path))
+    session.start("open", session.bench.open, tmp_path / "none.toml", None).join(20)
+    assert list(session.errors) == ["open"] and "no study" in session.errors["open"]
+    session.use(tmp_path / "none.csv")
+    assert "no log" in session.errors["log"] and session.changed["log"] == 0
+    session.start("open", lambda progress: 1 / 0).join(10)
+    assert "this is a fault of pycosim" in session.errors["open"]
+
+
+def test_a_dropped_log_is_mapped_by_answers_and_compared(study, tmp_path):
+    session = Session(Workbench(tmp_path / "app"))
+    session.use(study.parent / "run.csv")
+    assert session.likely == ["HipKnee", "HipKneeTransmission"] and session.rig == demo.RIG
+    places = [place_of(q) for q in session.proposal.questions]
+    assert places == ["unit theta1", "unit tau1", "unit C_H"]
+    session.map("unknown")
+    assert session.errors["map"] == "3 questions are open, beside the fields above" and session.job is None
+    session.answer(session.proposal.questions[0], "rad")
+    assert len(session.proposal.questions) == 2
+    before = session.given
+    session.tell("unit motor1.phi", before.with_column("theta1", variable="motor1.phi", unit="N.m"))
+    assert "does not fit" in session.errors["unit motor1.phi"] and session.given is before  # nothing of it was taken
+    session.tell("si", replace(before, si=True))
+    assert not session.proposal.questions and session.changed["answers"] == 3
+    session.choose("DriveTrain.Rigs.GearedJoint")
+    assert session.proposal.questions and session.model.rig.endswith("GearedJoint")
+    session.choose(demo.RIG)
+    session.map("gravity_model")
+    while session.job is not None:
+        session.job and threading.Event().wait(0.1)
+    assert session.bench.steps and session.changed["steps"] == 1 and not session.errors
+    assert session.bench.study.reference == "gravity_model"
 
 
 def test_the_command_line_refuses_a_taken_port_and_a_bad_study(tmp_path, capsys, monkeypatch):
