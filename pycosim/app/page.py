@@ -372,7 +372,8 @@ class Page:
         if bench.searched is None:
             return
         app.add_static_files(RESULTS, bench.folder)
-        ui.link("Open the report", f"{RESULTS}/{bench.report.name}", new_tab=True).classes("text-lg")
+        ui.link("Open the report", f"{RESULTS}/{bench.report.name}", new_tab=True).classes("text-lg").style(
+            "color: inherit")
         for line in bench.searched.sentences:
             ui.label(line)
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..compile import catalogue, compile_model, component_name, find_effect, find_place
-from ..core.errors import PlanError, closest
+from ..compile.effects import annotation
+from ..core.errors import ModelicaError, PlanError, closest
 from ..diagnosis.decide import diagnose, nudged
 from ..fit import least_squares
-from .information import Block, ChannelNoise, StrokeInformation
+from .information import Block, ChannelNoise, Node, StrokeInformation
 from .motion import assemble, ordered
 from .optimiser import DWELL, MEMORY, ROOM, TRAVEL, Asked, Design, Optimiser, asked, noise_of, prior_of
 from .prediction import expected, predicted_fit, signals_of
@@ -250,6 +251,35 @@ def hidden_of(k, wanted):
     return found
 
 
+def foreseen(k, blocks):
+    """Blocks whose machine tells in closed form which torques its motors need, and what is to be said of the others.
+
+    Parameters
+    ----------
+    k : Known
+    blocks : list of Block
+        Of single effects against nothing.
+
+    Returns
+    -------
+    found : list of Block
+    notes : list of str
+        What shows the others, by the effect's own annotation.
+    """
+    node, found, left = Node(k.asked, k.workspace.kinematics), [], {}
+    for block in blocks:
+        try:
+            node.torques(*block.other)
+            found.append(block)
+        except ModelicaError:
+            effect, _, place = block.name[0].partition("@")
+            left.setdefault(effect, []).append(place)
+    return found, [f"{effect} at {', '.join(places)} is not planned for: which torques the motors would need with it "
+                   "has no closed form, so no motion can be rated. What shows it: "
+                   f"{annotation(k.library, find_effect(k.library, effect).model)['experiment']}."
+                   for effect, places in left.items()]
+
+
 def hidden_effects(k):
     """Effects that an experiment with motors alone could show, at single places.
 
@@ -345,8 +375,9 @@ def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, crite
         raise PlanError(f"--budget {budget:g} s must be above zero, and not above 100000")
     if not 5 <= rate <= 1e5:
         raise PlanError(f"--rate {rate:g} Hz is outside 5 to 100000 Hz")
+    notes = []
     if blocks is None:
-        blocks = _blocks(k, goal, say)
+        blocks = _blocks(k, goal, say, notes)
     say("setting the experiment up")
     info = StrokeInformation(k.asked, k.workspace.kinematics, blocks, (k.model, k.values), k.noise, DWELL, 1 / rate)
     for travel in TRAVEL:
@@ -364,14 +395,16 @@ def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, crite
     log = expected(k.study, k.library, k.asked, k.workspace.kinematics, k.model, k.values, motion, measured)
     fit = predicted_fit(log, k.model, k.free, k.values, k.noise, "fit", k.study.seed)
     covariance = np.linalg.inv(k.prior + prior_of(fit)) if k.free else fit.covariance
-    return Plan(goal, k, motion, design, blocks, fit, covariance, torque, budget, rate)
+    return Plan(goal, k, motion, design, blocks, fit, covariance, torque, budget, rate, notes)
 
 
-def _blocks(k, goal, say):
+def _blocks(k, goal, say, notes):
     if goal == "twins":
         return twins_of(k, None, say)
     if goal == "detect":
-        return hidden_of(k, hidden_effects(k))
+        found, told = foreseen(k, hidden_of(k, hidden_effects(k)))
+        notes += told
+        return found
     if not k.free:
         raise PlanError(f"{k.study.path}: no parameter is free, so there is nothing to learn; write fixed = false at "
                         "those to identify")

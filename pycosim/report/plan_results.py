@@ -84,7 +84,7 @@ def doubts(found):
     -------
     list of str
     """
-    k, said = found.known, []
+    k, said = found.known, list(found.notes)
     if k.assumed:
         said.append("Nothing was measured yet: the noise is assumed to be 1 % of what each channel ranges over, so the "
                     "predicted widths scale with that guess; the strokes hardly depend on it.")

@@ -1,10 +1,12 @@
 """Claims about the app in a browser: the loop of adding and undoing, refusals, mapping, and an FMU to take away."""
 
+import math
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from pycosim.study.parse import load_study
@@ -71,14 +73,191 @@ def test_a_bad_file_gets_the_sentence_of_the_command_line(app, page, study, tmp_
     assert held_out(page) > 0  # what was there before stays
 
 
-def test_a_log_without_a_study_is_mapped_by_its_names(app, page, study):
+def choose(page, label, answer):
+    page.get_by_label(label, exact=True).click()
+    page.get_by_role("option", name=answer, exact=True).click()
+
+
+def odd(study, folder):
+    """The log as a German recorder would export it: preamble, semicolons, decimal commas, UTF-16, degrees, ms."""
+    frame = pd.read_csv(study.parent / "run.csv").drop(columns="manoeuvre")
+    frame["time"] *= 1000
+    frame[["theta1", "theta2"]] *= 180 / math.pi
+    frame = frame.rename(columns={"time": "Zeit", "theta1": "Winkel 1 [°]", "theta2": "Winkel 2 [°]",
+                                  "tau1": "Moment 1 [Nm]", "tau2": "Moment 2 [Nm]"})
+    path = folder / "messung.csv"
+    path.write_bytes(("Rekorder 7\n\n" + frame.to_csv(index=False, sep=";", decimal=",")).encode("utf-16"))
+    return path
+
+
+def test_from_a_dropped_file_to_the_first_comparison_with_two_tabs_and_a_reload(app, page, browser, study, tmp_path):
     address, _ = app()
+    other = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
+    try:
+        page.goto(address)
+        other.goto(address)
+        page.locator("input[type=file]").set_input_files(odd(study, tmp_path))
+        use = page.get_by_role("button", name="Use these columns")
+        use.wait_for(timeout=LONG)
+        assert page.get_by_text('separator = ";", decimal = ",", encoding = "utf-16", preamble = 2').count() == 1
+        assert page.get_by_label("Unit of the time").input_value() == "ms"
+        assert page.get_by_label("Unit of motor1.phi").input_value() == "deg"
+        assert page.locator("svg[role=img][aria-label^='Winkel 1']").count() >= 1  # a picture of each signal
+        use.click()
+        page.get_by_role("alert").filter(has_text="1 question is open, beside the fields above").wait_for(timeout=LONG)
+        assert page.get_by_role("alert").filter(has_text="In which unit are 'C_H'").count() == 2  # at both fields
+        choose(page, "Unit of C_H", "N.m")
+        other.get_by_role("alert").filter(has_text="In which unit is 'C_K'").wait_for(timeout=LONG)
+        choose(other, "Unit of C_K", "N.m")  # the other tab goes on
+        page.get_by_role("alert").filter(has_text="In which unit").wait_for(state="hidden", timeout=LONG)
+        use.click()
+        page.locator("[data-stages]").filter(has_text="left: ").wait_for(timeout=LONG)
+        page.reload()  # in the middle of work
+        for tab_of in (page, other):
+            tab_of.locator("[data-held-out]").wait_for(timeout=LONG)
+            charted(tab_of)
+        assert held_out(page) == held_out(other) > 0.1
+    finally:
+        other.context.close()
+
+
+def test_work_begun_in_one_tab_is_followed_and_given_up_in_another(app, page, browser, study):
+    address, _ = app(study)
+    other = browser.new_context().new_page()
+    try:
+        page.goto(address)
+        other.goto(address)
+        tab(page, "Effects")
+        page.get_by_role("button", name="Diagnose").click()
+        cancel = other.get_by_role("button", name="Cancel")
+        cancel.wait_for(timeout=LONG)
+        tab(other, "Effects")
+        other.get_by_role("button", name="Diagnose").click()
+        other.get_by_text("something is being computed already").wait_for(timeout=LONG)
+        cancel.click()
+        for tab_of in (page, other):
+            tab_of.get_by_text("Given up; everything is as it was before.").wait_for(timeout=LONG)
+    finally:
+        other.context.close()
+
+
+def test_parameters_plan_and_report_are_shown(app, page, study):
+    address, folder = app(study)
+    page.goto(address)
+    tab(page, "Parameters")
+    page.get_by_role("cell", name="s1A.f0", exact=True).wait_for(timeout=LONG)
+    tab(page, "Plan")
+    page.get_by_role("button", name="Plan", exact=True).click()
+    page.get_by_role("img", name="The motion of the motors over time").wait_for(timeout=3 * LONG)
+    with page.expect_download(timeout=LONG) as waiting:
+        page.get_by_role("button", name="Take the motion (CSV)").click()
+    assert waiting.value.suggested_filename == "plan.csv"
+    tab(page, "Report")
+    page.get_by_role("button", name="Search and report").click()
+    link = page.get_by_role("link", name="Open the report")
+    link.wait_for(timeout=3 * LONG)
+    page.get_by_text("study: + stribeck at 2A").wait_for(timeout=LONG)
+    with page.context.expect_page() as opened:
+        link.click()
+    opened.value.get_by_text("stribeck").first.wait_for(timeout=LONG)
+
+
+def test_a_phone_shows_all_of_it_without_scrolling_sideways(app, page, study, tmp_path):
+    address, _ = app()
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.goto(address)
+    page.locator("input[type=file]").set_input_files(odd(study, tmp_path))
+    page.get_by_role("button", name="Use these columns").wait_for(timeout=LONG)
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    page.get_by_label("Columns that state no unit are in SI units").click()
+    page.get_by_role("button", name="Use these columns").click()
+    page.locator("[data-held-out]").wait_for(timeout=LONG)
+    charted(page)
+    for name in ("Comparison", "Effects", "Parameters", "Plan", "Export"):
+        tab(page, name)
+        page.wait_for_timeout(500)
+        assert page.evaluate("document.documentElement.scrollWidth") == 390, name
+
+
+def test_the_keyboard_alone_goes_from_a_log_to_a_comparison(app, page, study):
+    address, _ = app()
+    page.goto(address)
+
+    def reach(name):
+        for _ in range(80):
+            page.keyboard.press("Tab")
+            at = page.evaluate("""(e => [e.ariaLabel, e.innerText, ...[...(e.labels || [])].map(l => l.innerText),
+                                  e.closest("[role=checkbox]")?.innerText].filter(Boolean).join(" "))
+                                  (document.activeElement)""")
+            if name.lower() in at.lower():
+                return
+        raise AssertionError(f"{name} is not reached")
+    page.get_by_label("Log file on this machine").wait_for(timeout=LONG)
+    reach("Log file on this machine")
+    page.keyboard.type(str(study.parent / "run.csv"))
+    reach("Use log")
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="Use these columns").wait_for(timeout=LONG)
+    reach("Unit of motor1.phi")
+    page.keyboard.press("Enter")
+    page.get_by_role("option", name="rad", exact=True).wait_for(timeout=LONG)
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    page.get_by_role("alert").filter(has_text="In which unit is 'theta2'").wait_for(timeout=LONG)
+    assert page.get_by_label("Unit of motor1.phi").input_value() == "rad"
+    # what was filled in place meanwhile has not taken the focus away
+    assert "motor1.phi" in page.evaluate("document.activeElement.ariaLabel")
+    page.keyboard.press("Shift+Tab")
+    page.locator("body").evaluate("document.querySelector('[role=checkbox][aria-label*=\"no unit\"], "
+                                  "[role=checkbox]').focus()")
+    page.keyboard.press("Space")
+    reach("Use these columns")
+    page.keyboard.press("Enter")
+    page.locator("[data-held-out]").wait_for(timeout=LONG)
+
+
+# what axe-core would ask first: names for what can be operated, words for pictures, contrast, one heading of the page
+NAMELESS = """() => [...document.querySelectorAll("button, input:not([type=hidden]), [role=img], [role=checkbox], a, img")]
+  .filter(e => e.offsetParent !== null || e.tagName === "svg").filter(e => !(e.ariaLabel || e.innerText?.trim() || e.alt
+    || e.title || e.closest("label")?.innerText || [...(e.labels || [])].length || e.getAttribute("aria-labelledby")
+    || e.closest("[role=checkbox]")?.innerText || e.type === "file")).map(e => e.outerHTML.slice(0, 200))"""
+FAINT = """() => {
+  const rgb = c => c.match(/[\\d.]+/g).map(Number), lum = c => { const [r, g, b] = c.map(v => (v /= 255) <= 0.03928 ?
+    v / 12.92 : ((v + 0.055) / 1.055) ** 2.4); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
+  const ground = e => { for (; e; e = e.parentElement) { const c = rgb(getComputedStyle(e).backgroundColor);
+    if ((c[3] ?? 1) > 0.9) return c.slice(0, 3); } return document.body.classList.contains("body--dark") ? [18, 18, 18]
+    : [255, 255, 255]; };
+  const strength = e => { let o = 1; for (; e; e = e.parentElement) o *= getComputedStyle(e).opacity; return o; };
+  const found = [];
+  for (const e of document.querySelectorAll("main *, header *")) {
+    const own = [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim());
+    if (!own || e.closest("svg, .js-plotly-plot, [disabled], .disabled") || !e.getClientRects().length) continue;
+    const style = getComputedStyle(e), back = ground(e), ink = rgb(style.color), o = strength(e) * (ink[3] ?? 1);
+    const seen = ink.slice(0, 3).map((v, k) => v * o + back[k] * (1 - o));
+    const [a, b] = [lum(seen), lum(back)].sort((x, y) => y - x), ratio = (a + 0.05) / (b + 0.05);
+    if (ratio < 4.5) found.push([ratio.toFixed(2), e.textContent.trim().slice(0, 60)]);
+  }
+  return found; }"""
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_what_can_be_operated_has_a_name_and_every_word_can_be_read(app, page, study, theme):
+    address, _ = app()
+    page.emulate_media(color_scheme=theme)
     page.goto(address)
     page.locator("input[type=file]").set_input_files(study.parent / "run.csv")
     page.get_by_role("button", name="Use these columns").wait_for(timeout=LONG)
+    page.wait_for_timeout(1000)  # colours fade in
+    assert page.evaluate(NAMELESS) == [] and page.evaluate(FAINT) == []
+    page.get_by_label("Columns that state no unit are in SI units").click()
     page.get_by_role("button", name="Use these columns").click()
     page.locator("[data-held-out]").wait_for(timeout=LONG)
-    assert held_out(page) > 0.1
+    charted(page)
+    for name in ("Comparison", "Effects", "Parameters", "Plan", "Report", "Export"):
+        tab(page, name)
+        page.wait_for_timeout(1500)
+        assert page.evaluate(NAMELESS) == [] and page.evaluate(FAINT) == [], name
+    assert page.get_by_role("heading", level=1).count() == 1 and page.get_by_role("main").count() == 1
 
 
 def test_work_can_be_given_up_and_leaves_nothing(app, page, study):
