@@ -217,7 +217,8 @@ def test_the_keyboard_alone_goes_from_a_log_to_a_comparison(app, page, study):
 
 
 # what axe-core would ask first: names for what can be operated, words for pictures, contrast, one heading of the page
-NAMELESS = """() => [...document.querySelectorAll("button, input:not([type=hidden]), [role=img], [role=checkbox], a, img")]
+NAMELESS = """() => [...document.querySelectorAll(
+  "button, input:not([type=hidden]), [role=img], [role=checkbox], a, img")]
   .filter(e => e.offsetParent !== null || e.tagName === "svg").filter(e => !(e.ariaLabel || e.innerText?.trim() || e.alt
     || e.title || e.closest("label")?.innerText || [...(e.labels || [])].length || e.getAttribute("aria-labelledby")
     || e.closest("[role=checkbox]")?.innerText || e.type === "file")).map(e => e.outerHTML.slice(0, 200))"""
