@@ -1,6 +1,6 @@
 """The same law in every engine: nothing in, the measured numbers of each claim as JSON on stdout, out.
 
-``python -m benchmarks.engines.run [law] [trajectories] [swing] [rest] [cost] [jax] [draws] [calibration]``
+``python -m benchmarks.engines.run [law] [trajectories] [swing] [rest] [cost] [jax] [header] [draws] [calibration]``
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
 from pycosim.dynamics.simulate import dynamics, simulate
 from pycosim.export import build, mujoco_plugin
+from pycosim.export.cpp import cpp_source
 from pycosim.export.description import describe, values
 from pycosim.export.jax_drive import jax_source
 from pycosim.export.law import drive_law
@@ -301,6 +302,51 @@ def batch(n=4096, rounds=30):
             "difference": float(off)}
 
 
+_TIMED = """
+#include "rig.hpp"
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <random>
+#include <vector>
+template <class Block> void timed(const char *name) {
+  typedef std::chrono::steady_clock Clock;
+  std::mt19937 draw(1);
+  std::uniform_real_distribution<double> one(-1, 1);
+  static Block block;
+  double now[Block::INPUT_COUNT], sum = 0;
+  std::vector<double> took(1000000), empty(1000000);
+  for (size_t k = 0; k < took.size() + 10000; ++k) {
+    for (double &v : now) v = one(draw);
+    const Clock::time_point start = Clock::now();
+    sum += block.step(now, 1e-3)[0];
+    const Clock::time_point end = Clock::now(), none = Clock::now();
+    if (k < 10000) continue;
+    took[k - 10000] = std::chrono::duration<double, std::micro>(end - start).count();
+    empty[k - 10000] = std::chrono::duration<double, std::micro>(none - end).count();
+  }
+  std::sort(took.begin(), took.end());
+  std::sort(empty.begin(), empty.end());
+  const size_t n = took.size();
+  std::printf("%s %g %g %g %g %g %g\\n", name, took[n / 2], took[n / 1000 * 999], took[n - 100], took[n - 1],
+              empty[n / 2], sum);
+}
+int main() { timed<rig::Estimate>("Estimate"); timed<rig::Compensate>("Compensate"); }
+"""
+
+
+def header():
+    """A sample of the C++ classes of the hip-knee rig [us]: random inputs, 10,000 to warm up, a million measured."""
+    _, model, known, _ = machine("HipKnee")
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "rig.hpp").write_text(cpp_source(model, known, "rig"))
+        (Path(folder) / "main.cpp").write_text(_TIMED)
+        subprocess.run(["g++", "-O2", "-std=c++11", "main.cpp", "-o", "main"], cwd=folder, check=True)
+        said = subprocess.run([Path(folder) / "main"], capture_output=True, text=True, check=True).stdout
+    names = ("median", "99.9 %", "all but 100", "worst", "clock alone, median")
+    return {line.split()[0]: dict(zip(names, map(float, line.split()[1:6]))) for line in said.splitlines()}
+
+
 def draws(n=100_000):
     """Mean and covariance of draws of the XL330's fit against the fit's own, and what bounds cut."""
     found = servo()[4]
@@ -319,7 +365,7 @@ def calibration():
 
 
 CLAIMS = {"law": law, "trajectories": trajectories, "swing": swing, "rest": rest, "cost": cost, "jax": batch,
-          "draws": draws, "calibration": calibration}
+          "header": header, "draws": draws, "calibration": calibration}
 
 
 if __name__ == "__main__":
