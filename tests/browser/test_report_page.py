@@ -39,7 +39,7 @@ def test_the_answer_and_its_place_are_on_the_first_screen(opened):
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_every_word_of_the_answer_is_readable(opened, theme):
     opened.emulate_media(color_scheme=theme)
-    assert opened.evaluate("document.documentElement.dataset.theme") == theme
+    opened.wait_for_selector(f"html[data-theme={theme}]")
     found = opened.evaluate(CONTRAST)
     assert len(found) > 40 and min(found) >= 4.5
 
