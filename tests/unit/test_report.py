@@ -108,6 +108,18 @@ def test_a_long_signal_keeps_its_extremes_in_the_page(found, monkeypatch):
             np.nanmin(residual))
 
 
+@pytest.mark.long
+def test_the_page_of_forty_thousand_samples_weighs_less_than_three_megabytes(found):
+    dataset, improvement, _, _ = found
+    log, n = dataset.logs[0], -(-40_000 // len(dataset.time))
+    rng = np.random.default_rng(0)  # noise packs worst
+    logs = [replace(log, name=f"run {k}", signals={v: x + 1e-3 * np.std(x) * rng.standard_normal(len(x))
+                                                   for v, x in log.signals.items()}) for k in range(n)]
+    many = Dataset(dataset.study, dataset.library, logs)
+    assert len(many.time) >= 40_000
+    assert len(Page(many, improvement, "x").html()) < 3e6
+
+
 def test_runs_stand_one_after_the_other(found):
     dataset = found[0]
     twice = Dataset(dataset.study, dataset.library, [dataset.logs[0], replace(dataset.logs[0], name="again")])
