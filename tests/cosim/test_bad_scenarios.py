@@ -1,7 +1,7 @@
 """Claims about refusals: one sentence that names file and place, exit 2, nothing written."""
 
 import pytest
-from conftest import JOINT
+from joint import JOINT
 
 from pycosim.cli.entry import main
 

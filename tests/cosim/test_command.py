@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import JOINT
+from joint import JOINT
 
 from pycosim.cli.entry import main
 from pycosim.compile import Library
