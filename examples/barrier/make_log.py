@@ -1,10 +1,10 @@
 """Make the log of a road barrier, for want of a real one: the machine of Barrier.mo with an effect that it lacks.
 
-    python examples/barrier/make_log.py FOLDER        writes FOLDER/monday.csv
+    python examples/barrier/make_log.py FOLDER [KIND]        writes FOLDER/monday.csv
 
 The arm is lifted and lowered at four speeds, three times. The log is as a drive and a sensor amplifier would leave it:
 time in ms, motor angle in degrees and current in A, torque of the arm in N.m; encoder steps and noise included. What
-is hidden stands in HIDDEN.
+is hidden stands in HIDDEN. KIND is another machine or another log, for another verdict: see KINDS.
 """
 
 from __future__ import annotations
@@ -23,11 +23,28 @@ HIDDEN = ("torque_ripple", "motor", {"A": 0.02, "n": 1.0, "phase": 0.6})  # N.m,
 MACHINE = {"worm.f0": 0.08, "worm.mu": 0.82, "worm.travel": 1e-5}  # slides at once: no second hidden effect
 K_M, RATIO, RATE = 0.11, 40, 100.0  # N.m/A; -; Hz
 SPEEDS, REPEATS, LOW, HIGH, REST = (0.1, 0.2, 0.4, 0.8), 3, 0.3, 2.8, 0.5  # of the arm: rad/s, -, rad, rad; s
+KINDS = {
+    "ripple": "the default: the worm runs out of true",
+    "nothing": "the machine is as its model says",
+    "rivals": "a friction that grows with speed, in a log of two speeds",
+    "unknown": "rubs at one angle of the arm, which no effect of the library does",
+    "wiring": "nothing is missing, but the current is recorded with the other sign",
+    "poor": "the ripple, in a log of one slow pass up",
+}
+RUB, RUB_AT, RUB_WIDE = 0.12, 1.4, 0.08  # N.m at the motor, more where the arm is at so many rad, over so many
 QUANTUM, WHITE_A, WHITE_C = 2 * np.pi / 4096, 0.03, 0.15  # encoder [rad]; noise of current [A] and sensor [N.m]
 
 
-def motion():
+def motion(speeds=SPEEDS, repeats=REPEATS, back=True):
     """Angle of the arm [rad] over time [s]: half a second of speeding up and slowing down, rests in between.
+
+    Parameters
+    ----------
+    speeds : sequence of float
+        [rad/s]
+    repeats : int
+    back : bool
+        Whether the arm is lowered again.
 
     Returns
     -------
@@ -35,33 +52,42 @@ def motion():
     """
     ramp = np.linspace(0, 1, int(0.5 * RATE))
     rest, speed = np.zeros(int(REST * RATE)), []
-    for v in [v for _ in range(REPEATS) for v in SPEEDS]:
+    for v in [v for _ in range(repeats) for v in speeds]:
         cruise = np.ones(int(RATE * ((HIGH - LOW) / v - 0.5)))
         there = v * np.concatenate([ramp, cruise, ramp[::-1]])
-        speed += [rest, there, rest, -there]
+        speed += [rest, there, rest, -there] if back else [rest, there]
     angle = LOW + np.cumsum(np.concatenate([*speed, rest])) / RATE
     return np.arange(len(angle)) / RATE, angle
 
 
-def record(rng):
+def record(rng, kind="ripple"):
     """What the drive and the amplifier would log.
 
     Parameters
     ----------
     rng : numpy.random.Generator
+    kind : str
+        Of KINDS.
 
     Returns
     -------
     pandas.DataFrame
     """
-    effect, place, coefficients = HIDDEN
-    model = compile_model(Library([RIG]), "Barrier", [(effect, place)])
-    values = {**MACHINE, **{f"{component_name(*model.attached[0])}.{n}": v for n, v in coefficients.items()}}
-    time, angle = motion()
+    hidden = {"ripple": HIDDEN, "poor": HIDDEN, "rivals": ("viscous", "worm", {"b": 0.001})}.get(kind)  # N.m.s/rad
+    model = compile_model(Library([RIG]), "Barrier", [hidden[:2]] if hidden else [])
+    values = dict(MACHINE)
+    if hidden:
+        values.update({f"{component_name(*model.attached[0])}.{n}": v for n, v in hidden[2].items()})
+    time, angle = motion(**{"rivals": {"speeds": (0.4, 0.8)}, "poor": {"speeds": (0.1,), "repeats": 1, "back": False}
+                            }.get(kind, {}))
     moved = {"motor.phi": RATIO * angle}
     torque = compensate(model, {**moved, "push": 0.0}, time, values)["motor.tau"]
     sensed = estimate(model, {**moved, "motor.tau": torque}, time, values)["C"]
+    if kind == "unknown":
+        torque += RUB * np.exp(-((angle - RUB_AT) / RUB_WIDE) ** 2) * np.sign(np.gradient(angle))
     n = len(time)
+    if kind == "wiring":
+        torque = -torque
     return pd.DataFrame({
         "t": np.round(1e3 * time),
         "motor_angle": np.rad2deg(np.round(RATIO * angle / QUANTUM) * QUANTUM),
@@ -73,7 +99,10 @@ def main():
     """Write the log."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
     folder.mkdir(parents=True, exist_ok=True)
-    record(np.random.default_rng(1)).to_csv(folder / "monday.csv", index=False, float_format="%.7g")
+    kind = sys.argv[2] if len(sys.argv) > 2 else "ripple"
+    if kind not in KINDS:
+        sys.exit(f"no kind '{kind}'; one of {', '.join(KINDS)}")
+    record(np.random.default_rng(1), kind).to_csv(folder / "monday.csv", index=False, float_format="%.7g")
     print(f"Written: {folder / 'monday.csv'}")
 
 

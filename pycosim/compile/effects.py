@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from ..core.errors import UnknownNameError, closest
+from ..core.errors import ModelicaError, UnknownNameError, closest
 
 PARTNER = "partner"  # connector that goes to the other component of a pair
 # keys that an annotation __pycosim can have: of an effect, of a rig or an example, of a component
@@ -305,8 +305,7 @@ def _effects(library):
             continue
         members = components_of(library, name)
         notes = annotation(library, name)
-        scan, means = (dict(item.split(":") for item in notes.get(key, "").replace(" ", "").split(";") if item)
-                       for key in ("scan", "means"))
+        scan, means = (_pairs(name, key, notes.get(key, "")) for key in ("scan", "means"))
         _check_coefficients(name, notes, scan, means, members)
         units = _units(library, name)
         effect = Effect(
@@ -318,6 +317,16 @@ def _effects(library):
             {n: units.get(n, "1") for n in notes.get("measured", "").split()}, means, notes.get("place") == "channels",
             (node.comment or "").strip('"'))
         yield effect.id, effect
+
+
+def _pairs(name, key, text):
+    """Coefficients and what each is, as ``n:cycles; phase:quadrature`` says it."""
+    found = [item.split(":") for item in text.replace(" ", "").split(";") if item]
+    for item in found:
+        if len(item) != 2 or not all(item):
+            raise ModelicaError(f"{name}: {key} = \"{text}\" of the annotation __pycosim must be coefficients with their "
+                                f"kinds and semicolons between, as {key}=\"ws:speed; h:travel\"")
+    return dict(found)
 
 
 def _check_coefficients(name, notes, scan, means, members):

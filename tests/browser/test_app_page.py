@@ -43,7 +43,7 @@ def test_add_lowers_the_held_out_error_and_undo_brings_it_back(app, page, study)
     assert after < 0.6 * before
     tab(page, "Comparison")
     charted(page)
-    assert page.get_by_text("+ stribeck at 2A").count() >= 2  # in the summary, and in the chart of two models
+    page.get_by_text("+ stribeck at 2A").nth(1).wait_for(timeout=LONG)  # in the summary, and in the chart of two models
     page.get_by_role("button", name="What does the error depend on here?").click()
     page.get_by_text("of the error's energy. What bins").wait_for(timeout=LONG)
     tab(page, "Export")

@@ -4,7 +4,7 @@ import pytest
 
 from pycosim.compile import Library, catalogue
 from pycosim.compile.effects import annotation
-from pycosim.core.errors import UnknownNameError
+from pycosim.core.errors import ModelicaError, UnknownNameError
 
 EFFECT = '''model QuadraticDrag "Friction that grows with the square of the speed"
   extends DriveTrain.Interfaces.SegmentEffect(dF=k * friction.w^2);
@@ -29,6 +29,11 @@ def read(folder, old, new):
 def test_a_slip_in_an_annotation_is_told_with_the_nearest_thing(tmp_path, old, new, message):
     with pytest.raises(UnknownNameError, match=message):
         catalogue(read(tmp_path, old, new))
+
+
+def test_a_scan_that_is_no_list_of_coefficients_and_kinds_is_refused_in_words(tmp_path):
+    with pytest.raises(ModelicaError, match='scan = "k:speed w:speed" .* must be coefficients with their kinds'):
+        catalogue(read(tmp_path, 'size="k"', 'size="k", scan="k:speed w:speed"'))
 
 
 def test_every_class_of_the_library_has_known_keys(tmp_path):
