@@ -22,6 +22,11 @@ PRIMARY = "#2b6ea6"  # 5.3 to white, as text and as ground
 HIDDEN_CHARTS = """<script>
 addEventListener("unhandledrejection", e => { if (/displayed plot div/.test(e.reason)) e.preventDefault(); });
 </script>"""
+# Quasar's own red and the blue of the buttons are too dark on a dark ground: 2.9 and 3.2; these have 8.7 and 8.6
+READABLE = """<style>
+.body--dark .text-negative { color: #ff9a90 !important; }
+.body--dark .text-primary { color: #7db8e8 !important; }
+</style>"""
 CARDS, DRAWN = 12, 3  # candidates that are listed, and of these with their signature
 TICK = 0.3  # s between looks at what has changed
 SOON = 0.05  # s until figures are begun, so that words are there first
@@ -501,7 +506,7 @@ def serve(study, data, folder, port, show, progress, say):
 
     @ui.page("/", title="pycosim")
     async def index():
-        ui.add_head_html(HIDDEN_CHARTS)
+        ui.add_head_html(HIDDEN_CHARTS + READABLE)
         ui.colors(primary=PRIMARY)
         await ui.context.client.connected()
         Page(session, bool(await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")))

@@ -169,7 +169,7 @@ def test_a_phone_shows_all_of_it_without_scrolling_sideways(app, page, study, tm
     page.locator("input[type=file]").set_input_files(odd(study, tmp_path))
     page.get_by_role("button", name="Use these columns").wait_for(timeout=LONG)
     assert page.evaluate("document.documentElement.scrollWidth") == 390
-    page.get_by_label("Columns that state no unit are in SI units").click()
+    page.get_by_text("Columns that state no unit are in SI units").click()
     page.get_by_role("button", name="Use these columns").click()
     page.locator("[data-held-out]").wait_for(timeout=LONG)
     charted(page)
@@ -250,7 +250,7 @@ def test_what_can_be_operated_has_a_name_and_every_word_can_be_read(app, page, s
     page.get_by_role("button", name="Use these columns").wait_for(timeout=LONG)
     page.wait_for_timeout(1000)  # colours fade in
     assert page.evaluate(NAMELESS) == [] and page.evaluate(FAINT) == []
-    page.get_by_label("Columns that state no unit are in SI units").click()
+    page.get_by_text("Columns that state no unit are in SI units").click()
     page.get_by_role("button", name="Use these columns").click()
     page.locator("[data-held-out]").wait_for(timeout=LONG)
     charted(page)

@@ -17,7 +17,7 @@ from pycosim.core.errors import PlanError
 from pycosim.design.information import ChannelNoise
 from pycosim.design.motion import REST, TRANSFER, Stroke, assemble, ordered, profile
 from pycosim.design.optimiser import Optimiser, prior_of
-from pycosim.design.plan import known, make_plan, motion_of, separations
+from pycosim.design.plan import foreseen, hidden_of, known, make_plan, motion_of, separations
 from pycosim.study.parse import load_study
 from pycosim.study.schema import Setting, Study
 
@@ -188,6 +188,16 @@ def test_the_same_physics_at_two_names_stays_alike_and_is_said_so():
     plan = make_plan(k, "twins", 90.0, 100.0, [block], patience=4.0)
     found, = separations(plan)
     assert not found["separable"] and found["share"] < 0.02
+
+
+def test_an_effect_whose_torques_have_no_closed_form_is_left_out_and_told():
+    study = replace(load_study(STUDY), reference="gravity_model")
+    k = known(study, LIBRARY, study.validate(LIBRARY))
+    keys = [("viscous", "1A"), ("load_nonlinearity", "1B"), ("load_nonlinearity", "2B")]
+    found, notes = foreseen(k, hidden_of(k, keys))
+    assert [b.name for b in found] == [("viscous@1A", "nothing")]
+    assert len(notes) == 1 and notes[0].startswith("load_nonlinearity at 1B, 2B is not planned for: ")
+    assert notes[0].endswith("What shows it: repeat the passes with three payloads or more.")
 
 
 def run(capsys, *argv):
