@@ -24,7 +24,7 @@ addEventListener("unhandledrejection", e => { if (/displayed plot div/.test(e.re
 </script>"""
 # Quasar's own red and the blue of the buttons are too dark on a dark ground: 2.9 and 3.2; these have 8.7 and 8.6
 READABLE = """<style>
-.body--dark .text-negative { color: #ff9a90 !important; }
+.body--dark { --q-negative: #ff9a90 !important; }
 .body--dark .text-primary { color: #7db8e8 !important; }
 </style>"""
 CARDS, DRAWN = 12, 3  # candidates that are listed, and of these with their signature
@@ -54,7 +54,7 @@ class Page:
         self.wizard = Wizard(session, self.notice)
         self.seen = session.changed.copy()
         self._header()
-        with ui.element("main").classes("w-full max-w-screen-xl mx-auto p-4"):
+        with ui.column().classes("w-full max-w-screen-xl mx-auto p-4 items-stretch"):
             self.stages = ui.label().classes("text-sm").props("data-stages")
             self.summary()
             with ui.tabs().props('aria-label="Steps" mobile-arrows outside-arrows') as tabs:

@@ -324,8 +324,8 @@ def _pairs(name, key, text):
     found = [item.split(":") for item in text.replace(" ", "").split(";") if item]
     for item in found:
         if len(item) != 2 or not all(item):
-            raise ModelicaError(f"{name}: {key} = \"{text}\" of the annotation __pycosim must be coefficients with their "
-                                f"kinds and semicolons between, as {key}=\"ws:speed; h:travel\"")
+            raise ModelicaError(f"{name}: {key} = \"{text}\" of the annotation __pycosim must be coefficients with "
+                                f"their kinds and semicolons between, as {key}=\"ws:speed; h:travel\"")
     return dict(found)
 
 
