@@ -186,7 +186,7 @@ def _study(library):
         kind, text = whole[table]
         yield f"\n## [{table}]\n\n{text}"
     text = "\n".join(new.template(library, RIG, ["run1.csv"]))
-    yield f"\n## A study to start from\n\nWhat `pycosim new HipKnee --data run1.csv` writes:\n\n```toml\n{text}\n```"
+    yield f"\n## A study to start from\n\nWhat `pycosim new HipKnee` writes, with a log in it:\n\n```toml\n{text}\n```"
 
 
 # --- Modelica -------------------------------------------------------------------------------------------------------

@@ -37,6 +37,7 @@ def test_example_runs(page, number, code, hidden, tmp_path, monkeypatch, capsys)
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```', re.S | re.M)
 INSTALLED = "python3 -m venv", ".venv/bin/pip"  # what a test environment has already
+ALIKE = 0.03  # of a number: what another processor may change, and less than a change of the program would
 NUMBER = re.compile(r"(?<![A-Za-z_\d.])-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
 
@@ -52,14 +53,14 @@ def typed(command, folder):
 
 
 def shown(line, output):
-    """Whether a line of the page is a line of the output: words alike, numbers within a tenth, dots at its end open."""
+    """Whether a line of the page is a line of the output: words alike, numbers within ALIKE, dots at its end open."""
     head = line.removesuffix("...").rstrip()
     numbers = [float(n) for n in NUMBER.findall(head)]
     for told in output.splitlines():
         values = [float(n) for n in NUMBER.findall(told)]
         same = (NUMBER.sub("#", told).split() == NUMBER.sub("#", head).split() if head == line else
                 NUMBER.sub("#", told).split()[:len(head.split())] == NUMBER.sub("#", head).split())
-        if same and all(abs(a - b) <= 0.1 * abs(a) + 1e-12 for a, b in zip(numbers, values)):
+        if same and all(abs(a - b) <= ALIKE * abs(a) + 1e-12 for a, b in zip(numbers, values)):
             return True
     return False
 
