@@ -46,6 +46,7 @@ SHOWN = {
     "reference_zero": ("hip", {"q0": 0.05}, "hip.computed", "q_H"),
     "reference_gain": ("hip", {"g": 1.03}, "hip.computed", "motor1.tau"),
     "reference_offset": ("hip", {"o": 0.5}, "hip.computed", "q_H"),
+    "reference_lag": ("hip", {"T": 0.05}, "hip.computed", "q_H"),
     "cable_compliance": ("line1", {"e": 0.01}, "encoder_H", "motor1.tau"),
     "backlash": ("line1", {"gap": 0.02}, "encoder_H", "s1A.L"),
 }

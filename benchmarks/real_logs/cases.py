@@ -262,17 +262,26 @@ def size_of(found, effect, sound=None):
     return max(errors[c] / sound[c] for c in sound), sound
 
 
+def _calm(found):
+    """The case with sensors as in its condition, yet no error of the reference or filter: their size is no effect's."""
+    return replace(found, world=replace(_seen(found.world), low_pass={}, reference_error={}, outliers=0.0))
+
+
+def _seen(world):
+    """A world whose joint torques are measured: sizes are told by what a sensor would show, where there is none."""
+    return replace(world, reference="sensor") if world.reference == "none" else world
+
+
 def base(found):
     """Errors of the fitted base model with nothing hidden."""
-    # sensors as in the condition, yet no error of the reference or filter: their size is not the effect's
-    calm = replace(found, world=replace(found.world, low_pass={}, reference_error={}, outliers=0.0))
+    calm = _calm(found)
     truth = calm.truth([])
     return machines.base_errors(calm.plant, truth, calm.columns(truth))
 
 
 def own_size(found):
     """Size of what the condition itself does with nothing hidden: filters and errors of the reference, not spikes."""
-    calm, sound = replace(found, world=replace(found.world, outliers=0.0)), base(found)
+    sound, calm = base(found), replace(found, world=replace(_seen(found.world), outliers=0.0))
     truth = calm.truth([])
     errors = machines.base_errors(calm.plant, truth, calm.columns(truth))
     return max(errors[c] / sound[c] for c in sound)
@@ -280,7 +289,7 @@ def own_size(found):
 
 def _sized(found, name, size, rng, tries=6, steps=12):
     """An effect at a random place with the wanted size; where no place reaches it, the largest that was met."""
-    calm = replace(found, world=replace(found.world, low_pass={}, reference_error={}, outliers=0.0))
+    calm = _calm(found)
     sound, best = base(calm), (None, 0.0)
     for _ in range(tries):
         effect = laws.draw(name, rng, found.plant, found.motion)

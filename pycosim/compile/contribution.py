@@ -11,7 +11,8 @@ from .effects import ports
 from .model import Question, _dump, _load
 
 AHEAD = "ahead(signal.tau)"  # by how much a torque is ahead of its record
-TIMES = ("delay", "lag")  # by which a channel effect holds a record back
+HELD = "ahead(reference)"  # by how much what is compared is ahead of the record that it is compared with
+TIMES = ("delay", "lag")  # by which an effect holds a record back
 
 
 def additions(library, effect):
@@ -60,6 +61,9 @@ def effect_question(library, effect):
         if effect.channel:  # adds to a record what it has not caught up with yet
             solution.symbols[AHEAD] = ca.SX.sym(AHEAD)
             values["dtau"] = -solution.symbols[AHEAD]
+        elif "dC" in values and not values["lag"].is_zero():  # the same of what it is compared with
+            solution.symbols[HELD] = ca.SX.sym(HELD)
+            values["dC"] = -solution.symbols[HELD]
         outputs = [o for o in [*additions(library, effect), *TIMES] if o in values and not values[o].is_zero()]
         y = ca.vertcat(*[values[o] for o in outputs])
         states = solution.states
@@ -96,7 +100,7 @@ class Contribution:
         self.function = ArrayFunction(ca.Function("contribution", [u, x, p], [ca.densify(ca.cse(v)) for v in parts]))
 
     def times(self, grid):
-        """Delay and time constant of a channel effect at a grid point.
+        """Delay and time constant at a grid point.
 
         Parameters
         ----------

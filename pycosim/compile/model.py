@@ -50,6 +50,9 @@ class Question:
         Inputs that were recorded late, and the output that says by how much; the output ``lag(x)`` says how much of
         it is the time constant of a filter. The function holds what the delay does to first order about ``at(x)``, an
         input: there its value is exact when x is given at that much later.
+    held : dict of str to str
+        Components whose reference a filter of first order has held back, and the output that is its time constant.
+        The outputs themselves are those before the filter.
     """
 
     inputs: list
@@ -60,6 +63,7 @@ class Question:
     rate: ca.Function
     variables: dict = field(default_factory=dict)
     late: dict = field(default_factory=dict)
+    held: dict = field(default_factory=dict)
     _memo: dict = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def memo(self, key, make):
@@ -109,7 +113,7 @@ class Question:
         names = ["u", "x", "p"], ["y"]
         return Question(self.inputs, self.states, self.parameters, list(outputs),
                         ca.Function("output", [u, x, p], [ca.vertcat(*rows)], *names), self.rate, self.variables,
-                        self.late)
+                        self.late, self.held)
 
     def swapped(self, names):
         """The same question with pairs of outputs under each other's name.
@@ -478,8 +482,8 @@ class Model:
         named = [n.partition(":")[0] for key in ("load", "sensor", "encoders") for n in self.aliases(key).values()]
         every = dict.fromkeys([*wanted, *extra, *top, *inner, *named])
         outputs = [n for n in every if n in values and n not in known]
-        late = self._late(wanted, known, values)
-        outputs += [n for signal, behind in late.items() for n in (behind, f"lag({signal})")]
+        late, held = self._late(wanted, known, values), self._held(values)
+        outputs += [n for signal, behind in late.items() for n in (behind, f"lag({signal})")] + list(held.values())
         values = {**values, **self._shifted(late, values, outputs, solution.symbols)}
         y = ca.vertcat(*[values[n] for n in outputs])
         states = [s for s in solution.states if s in {v.name() for v in ca.symvar(y)}]
@@ -495,7 +499,7 @@ class Model:
         described.update({n: flat.variables.get(n) or Variable(n) for n in inputs})
         names = ["u", "x", "p"]
         return Question(inputs, states, parameters, outputs, ca.Function("output", arguments, [y], names, ["y"]),
-                        ca.Function("rate", arguments, [rates], names, ["xdot"]), described, late)
+                        ca.Function("rate", arguments, [rates], names, ["xdot"]), described, late, held)
 
     def _late(self, wanted, known, values):
         """Known signals that an attached effect holds back, each with the output that says by how much.
@@ -514,6 +518,17 @@ class Model:
                 for n in sorted(motion, key=lambda n: (n.count("("), n)):
                     self._hold(late, values, n, -delay - lag, 0.0)
         return late
+
+    def _held(self, values):
+        """Components whose reference an attached effect holds back, each with the output that says by how much."""
+        held = {}
+        for effect, place in self.attached:
+            for name, c in zip(component_names(effect, place), place.components):
+                lag = values.get(f"{name}.lag")
+                if not effect.channel and lag is not None and not lag.is_zero():
+                    held[c] = f"held({c})"
+                    values[held[c]] = values.get(held[c], ca.SX(0)) + lag
+        return held
 
     @staticmethod
     def _hold(late, values, signal, behind, lag):
@@ -595,7 +610,8 @@ def _dump(question):
     return json.dumps({
         "inputs": question.inputs, "states": question.states, "parameters": question.parameters,
         "outputs": question.outputs, "output": question.output.serialize(), "rate": question.rate.serialize(),
-        "variables": {n: asdict(v) for n, v in question.variables.items()}, "late": question.late}).encode()
+        "variables": {n: asdict(v) for n, v in question.variables.items()}, "late": question.late,
+        "held": question.held}).encode()
 
 
 def _load(data):

@@ -13,6 +13,7 @@ from scipy.signal import savgol_filter
 from ..compile import ArrayFunction, catalogue, compile_model, component_name
 from ..core.errors import DataError, StudyError
 from ..dynamics.delays import undo
+from ..dynamics.filters import recorded
 from ..dynamics.states import dependent_parameters, propagate
 from . import instruments, segmentation
 from .derivatives import derivatives, resolution
@@ -399,7 +400,10 @@ class Dataset:
         -------
         dict of str to ndarray, shape (n,)
         """
-        return self.segment_signals(model, parameters, self.outputs, None, self.exogenous())
+        found = self.segment_signals(model, parameters, self.outputs, None, self.exogenous())
+        question = self.ask(model)
+        owner = {self.compared(c): c for c in question.held}
+        return recorded(question, owner, found, self.time, self.run, parameters)
 
     @property
     def steps(self):
@@ -678,7 +682,9 @@ class Dataset:
         return Residuals(question, self.outputs, measured, terms, free, parameters,
                          self.time[index], self.passes[index], self.block[index], self.channels,
                          not (self.paired or self.averaged),
-                         *((view.lags(self.time), view.colour) if self.paired else ()))
+                         *((view.lags(self.time), view.colour) if self.paired else (None, 1.0)),
+                         {self.outputs.index(self.compared(c)): n for c, n in question.held.items()
+                          if self.compared(c)}, self.run[index])
 
     def _read(self, question):
         """Inputs that the errors, the segments' loads or the friction states depend on."""
@@ -689,6 +695,21 @@ class Dataset:
             return {n for n, s in zip(question.inputs, ca.vertsplit(u)) if s.name() in used}
 
         return question.memo(("dataset.read", *self.outputs), make)
+
+    def compared(self, component):
+        """The measured channel that the torque of a component is compared with.
+
+        Parameters
+        ----------
+        component : str
+
+        Returns
+        -------
+        str or None
+        """
+        held = [c for c, reading in self.aliases.items() if c in self.outputs and c in self.measured
+                and reading.rpartition(".")[0] == component and self.base.unit(c) in ("N.m", "N")]
+        return None if self.paired or not held else held[0]
 
     def _picks(self, view):
         if not self.paired:

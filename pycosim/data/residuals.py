@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ..compile import ArrayFunction
+from ..dynamics.filters import FirstOrder
 from ..dynamics.states import dependent_parameters
 from .noise import chained
 
@@ -54,12 +55,18 @@ class Residuals:
         Of paired samples, the time between both [s].
     colour : float
         What interpolation does to white noise; both as of `noise.Chain`.
+    held : dict of int to str, optional
+        Channels that were recorded through a filter of first order, and the question's output that is its time
+        constant. What the model gives is filtered alike before it is compared.
+    run : ndarray, shape (n,), optional
+        Log of each sample, where channels are held.
     """
 
     def __init__(self, question, channels, measured, terms, free, parameters, time, group, block,
-                 names=None, linked=False, lags=None, colour=1.0):
+                 names=None, linked=False, lags=None, colour=1.0, held=None, run=None):
         self.time, self.group, self.block = time, group, block
         self.linked, self.lags, self.colour = linked, lags, colour
+        self.held, self.run = held or {}, run
         self.question = question
         self.channels, self.measured = list(channels), measured
         self.names = list(channels if names is None else names)
@@ -75,9 +82,9 @@ class Residuals:
 
         def make():
             self._compile()
-            return self.known, self.function, self.slots, self.state_slots, self.plain
+            return self.known, self.function, self.slots, self.state_slots, self.plain, self.constants
 
-        self.known, self.function, self.slots, self.state_slots, self.plain = self.question.memo(
+        self.known, self.function, self.slots, self.state_slots, self.plain, self.constants = self.question.memo(
             ("residuals", key), make)
 
     def _compile(self):
@@ -93,6 +100,9 @@ class Residuals:
         self.slots = [(r, self.known[c]) for r, c in zip(rows, cols)]
         self.state_slots = list(zip(*outputs[2].sparsity().get_triplet())) if self.of_states else []
         self.plain = ArrayFunction(ca.Function("model", [u, x, p], [ca.densify(ca.cse(y))]))
+        lags = self.question.select(list(self.held.values())).output(u, x, p)  # of parameters alone
+        slope = ca.jacobian(lags, columns) if columns.numel() else ca.SX(lags.numel(), 0)
+        self.constants = ca.Function("constants", [u, x, p], [ca.densify(lags), ca.densify(slope)])
 
     @property
     def n(self):
@@ -122,6 +132,7 @@ class Residuals:
         fewer.measured, fewer.terms = self.measured[:, ::k], terms
         fewer.time, fewer.group, fewer.block = self.time[::k], self.group[::k], self.block[::k]
         fewer.lags, fewer.colour = None if self.lags is None else self.lags[::k], 1.0
+        fewer.run = None if self.run is None else self.run[::k]
         return fewer
 
     def _arguments(self, term, parameters, where):
@@ -145,7 +156,7 @@ class Residuals:
         """
         parameters = {**self.parameters, **dict(zip(self.free, x))}
         terms = self.terms(parameters, self.of_states)
-        where = where or slice(0, self.n)
+        where, filters = where or slice(0, self.n), self._filters(parameters)
         for start in range(where.start, where.stop, _CHUNK):
             part = slice(start, min(start + _CHUNK, where.stop))
             m = part.stop - part.start
@@ -153,7 +164,26 @@ class Residuals:
             slope = np.zeros((len(self.channels), len(self.free), m))
             for term in terms:
                 self._add(term, parameters, part, m, residual, slope)
+            for channel, (line, by_parameter) in filters.items():
+                model = self.measured[channel, part] - residual[channel]
+                rows, by_lag = line(np.vstack([model, slope[channel]]))
+                residual[channel] = self.measured[channel, part] - rows[0]
+                slope[channel] = rows[1:] + by_parameter[:, None] * by_lag[:1]
             yield part, residual, slope
+
+    def _filters(self, parameters):
+        """Filters of the channels that are held, and what each time constant owes to the free parameters."""
+        if not self.held:
+            return {}
+        q = self.selected
+        lags, slopes = self.constants(np.zeros(len(q.inputs)), np.zeros(len(q.states)),
+                                      [float(parameters[n]) for n in q.parameters])
+        found = {}
+        for channel, lag, known in zip(self.held, lags.full()[:, 0], slopes.full()):
+            by_parameter = np.zeros(len(self.free))
+            by_parameter[self.known] = known[:len(self.known)]
+            found[channel] = FirstOrder(lag, self.time, self.run), by_parameter
+        return found
 
     def _add(self, term, parameters, part, m, residual, slope):
         for inner, values in self.function.blocks(self._arguments(term, parameters, part), m):
@@ -182,11 +212,15 @@ class Residuals:
             In the channels' units.
         """
         parameters = {**self.parameters, **dict(zip(self.free, x))}
+        filters = self._filters(parameters)
+        asked, some = some, slice(None) if filters else some  # a filter remembers all samples
         result = self.measured[:, some].copy()
         for term in self.terms(parameters, ()):
             for inner, values in self.plain.blocks(self._arguments(term, parameters, some), result.shape[1]):
                 result[:, inner] -= term.weight * values
-        return result
+        for channel, (line, _) in filters.items():
+            result[channel] = self.measured[channel] - line(self.measured[channel][None] - result[channel])[0][0]
+        return result[:, asked] if filters else result
 
     def gram(self, x, weights, robust=False):
         """Moments of the weighted derivative and residual, [J r]' [J r].

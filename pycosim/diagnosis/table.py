@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from ..compile import catalogue, compile_model, places
-from ..compile.contribution import AHEAD, Contribution, additions, effect_question
+from ..compile.contribution import AHEAD, HELD, Contribution, additions, effect_question
 from ..compile.effects import PARTNER, ports
 from ..data.instruments import rounding
 from ..data.noise import contiguous
@@ -129,7 +129,7 @@ class Table:
         for k, term in enumerate(whole.terms({**parameters}, whole.of_states)):
             single = Residuals(whole.question, whole.channels, np.zeros_like(whole.measured),
                                lambda values, wrt, k=k: [whole.terms(values, wrt)[k]], free, parameters,
-                               whole.time, whole.group, whole.block)
+                               whole.time, whole.group, whole.block, held=whole.held, run=whole.run)
             slope = np.concatenate([j for _, _, j in single.blocks(x)], axis=2)
             self.responses.append(slope[:, p:])
             self.slope = slope[:, :p] if k == 0 else self.slope + slope[:, :p]
@@ -184,6 +184,7 @@ class Table:
                   for v in kind.potentials]
         names += sorted({i for e in catalogue(self.library).values() for i in e.inputs})
         self.full = {**d.signals, **d.measured, **d.segment_signals(q, self.fit.parameters, names, None, d.exogenous())}
+        self._predicted = d.predicted(q, self.fit.parameters)
         self._followed, self._records = {}, {}
         self._kept, self._own = {}, {id(v) for v in (d.time, *self.full.values())}
         self.takes = [take for _, _, take in d._picks(d.view(self.part))]
@@ -200,7 +201,7 @@ class Table:
         partner : str, optional
             Other component of a pair.
         times : (float, float)
-            Delay and time constant of a channel effect [s].
+            Delay and time constant of an effect that holds a record back [s].
 
         Returns
         -------
@@ -216,6 +217,9 @@ class Table:
         if effect.channel:
             now = found["signal.tau"]
             found[AHEAD] = None if now is None else self._ahead(now, *times)
+        if HELD in effect_question(self.library, effect).inputs:
+            channel = self.dataset.compared(component)
+            found[HELD] = None if channel is None else self._ahead(self._predicted[channel], *times)
         found.update({i: self.full.get(i) for i in effect.inputs})
         if term is None:
             return found
@@ -478,7 +482,7 @@ class Table:
         q = contribution.question
         total, probes = 0.0, additions(self.library, contribution.effect)
         grid = {**self.dataset.means(contribution.effect), **grid}
-        times = contribution.times(grid) if contribution.effect.channel else (0.0, 0.0)
+        times = contribution.times(grid)
         states = self._states(contribution, component, grid, partner)
         for term, response in enumerate(self.responses):
             n = response.shape[2]

@@ -14,6 +14,7 @@ import numpy as np
 from ..compile import ArrayFunction, solve
 from ..core.errors import DataError, ModelicaError, UnknownNameError, closest
 from .delays import undo
+from .filters import recorded
 from .states import propagate
 from .stepping import GAP, TOLERANCE, System, gap, in_parts, steps
 
@@ -318,7 +319,8 @@ def _answer(model, name, form, signals, time, parameters):
     x = propagate(question, known, time, values)[0]
     p = [values[n] for n in question.parameters]
     y = _arrays(model, (name, form), question.output)([*known.values(), *x, *p], len(time))
-    return dict(zip(question.outputs, y))
+    shown = {f"{c}.{n}": c for c in question.held for n in ("sensed", "computed")}
+    return recorded(question, shown, dict(zip(question.outputs, y)), time, np.zeros(len(time)), values)
 
 
 def _late_rows(question, signals, time):

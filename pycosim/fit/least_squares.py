@@ -239,7 +239,7 @@ def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial)
     A trial is left to those steps where few samples have brought it near. Returns the parameters, and the moments where
     the model is piecewise affine.
     """
-    moments = None if robust else Moments.of(problem, x, segments, tidy)
+    moments = None if robust or problem.held else Moments.of(problem, x, segments, tidy)
     for _ in range(5):
         if moments is None:
             thin = max(1, problem.n // 4000)

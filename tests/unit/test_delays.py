@@ -6,7 +6,9 @@ import pytest
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.dynamics.delays import Record, undo
+from pycosim.dynamics.filters import FirstOrder
 from pycosim.dynamics.simulate import estimate
+from pycosim.study.parse import load_study
 
 TIME = np.arange(0, 4, 0.01)
 ONE = np.zeros(len(TIME))
@@ -69,3 +71,75 @@ def test_the_slope_of_a_record_is_that_of_its_time_also_where_the_rate_varies(sh
     data = Dataset.__new__(Dataset)
     data.time, data.run, data._rates = time, ONE, {}
     np.testing.assert_allclose(data._rate(np.sin(3 * time)), 3 * np.cos(3 * time), atol=2e-2)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.004, 0.05, 3.0])
+def test_a_filter_in_parts_is_the_filter_of_the_whole_and_its_slope_is_that_of_its_time_constant(lag):
+    time, run = np.tile(TIME[:200] ** 1.2, 2), np.repeat([0.0, 1.0], 200)
+    signal = np.array([np.sin(3 * time) + 0.2 * run, np.sign(np.sin(5 * time))])
+    whole, slope = FirstOrder(lag, time, run)(signal)
+    line = FirstOrder(lag, time, run)
+    parts = [line(signal[:, some]) for some in (slice(0, 1), slice(1, 150), slice(150, 250), slice(250, 400))]
+    np.testing.assert_allclose(np.hstack([p[0] for p in parts]), whole, atol=1e-12)
+    np.testing.assert_allclose(np.hstack([p[1] for p in parts]), slope, atol=1e-9 * np.abs(slope).max())
+    near = 1e-6 * max(lag, 1e-3)
+    more = FirstOrder(lag + near, time, run)(signal)[0]
+    if lag:
+        np.testing.assert_allclose((more - whole) / near, slope, atol=2e-5 * np.abs(slope).max())
+    else:  # no filter gives back what it is given
+        np.testing.assert_allclose(whole, signal, atol=1e-6)
+
+
+def test_a_filter_of_first_order_settles_on_the_known_answer_and_each_log_starts_caught_up():
+    found = FirstOrder(0.05, TIME, ONE)(np.sin(2 * TIME)[None])[0][0]
+    settled = (np.sin(2 * TIME) - 0.1 * np.cos(2 * TIME)) / 1.01
+    np.testing.assert_allclose(found[60:], settled[60:], atol=1e-4)
+    two = FirstOrder(0.05, np.tile(TIME, 2), np.repeat([0.0, 1.0], len(TIME)))(np.repeat([1.0, 5.0], len(TIME))[None])
+    np.testing.assert_allclose(two[0][0], np.repeat([1.0, 5.0], len(TIME)))
+
+
+def test_a_reference_that_a_filter_held_back_is_compared_with_a_model_held_back_alike(lagging_study):
+    data = Dataset(load_study(lagging_study), Library())
+    model = compile_model(data.library, data.study.rig, [("reference_lag", "joint")])
+    values = {**{n: v.value for n, v in data.variables(model).items()}, "reference_lag_joint.T": 0.08}
+    free = [*data.free(data.base), "reference_lag_joint.T"]
+    problem = data.residuals(model, free, values)
+    x = np.array([values[n] for n in free])
+    slope = np.concatenate([j for _, _, j in problem.blocks(x)], axis=2)
+    for k in range(len(free)):
+        step = 1e-6 * np.maximum(np.abs(x[k]), 1e-2) * (np.arange(len(x)) == k)
+        apart = (problem.residual(x - step) - problem.residual(x + step)) / (2 * step[k])
+        np.testing.assert_allclose(slope[:, k], apart, atol=2e-4 * np.abs(apart).max())
+    np.testing.assert_allclose(problem.residual(x, np.arange(40, 60)), problem.residual(x)[:, 40:60])
+    bare = data.residuals(data.base, free[:-1], values).residual(x[:-1])
+    assert np.sqrt(np.mean(problem.residual(x) ** 2)) < 0.3 * np.sqrt(np.mean(bare ** 2))
+
+
+@pytest.fixture
+def lagging_study(tmp_path):
+    """A geared joint whose reference a filter of 0.08 s has held back."""
+    time = np.arange(0, 30, 0.01)
+    angle = 1.2 * np.sin(1.3 * time) + 0.4 * np.sin(2.9 * time)
+    speed = 1.56 * np.cos(1.3 * time) + 1.16 * np.cos(2.9 * time)
+    library = Library()
+    model = compile_model(library, RIG)
+    tau = 0.05 * np.sin(angle) + 0.004 * np.sign(speed)
+    motion = {"motor.phi": 50 * angle, "motor.tau": tau}
+    torque = estimate(model, motion, time)["C"]
+    held = FirstOrder(0.08, time, np.zeros(len(time)))(torque[None])[0][0]
+    rows = np.column_stack([time, 50 * angle, tau, held])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="time,phi,tau,C", comments="")
+    (tmp_path / "study.toml").write_text(f"""
+[rig]
+model = "{RIG}"
+[data]
+runs = ["log.csv"]
+reference = "sensor"
+[columns]
+phi = {{ variable = "motor.phi", unit = "rad" }}
+tau = {{ variable = "motor.tau", unit = "N.m" }}
+C = {{ variable = "C", unit = "N.m" }}
+[parameters]
+"gear.f0" = {{ value = 0.005, fixed = false }}
+""")
+    return tmp_path / "study.toml"
