@@ -13,17 +13,17 @@ from scipy.signal import savgol_filter
 from ..compile import ArrayFunction, catalogue, compile_model, component_name
 from ..core.errors import DataError, StudyError
 from ..dynamics.delays import undo
-from ..dynamics.filters import recorded
 from ..dynamics.states import dependent_parameters, propagate
 from . import instruments, segmentation
 from .derivatives import derivatives, resolution
 from .logs import load, require, require_alike
 from .noise import contiguous
-from .residuals import Residuals, Term
+from .residuals import Held, Residuals, Term
 from .scales import Sizes
 
 FOLDS = 5
 SPEEDS = {"phi": "w", "s": "v"}  # of a rotating and of a sliding component: position and speed
+SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 
 
@@ -400,10 +400,7 @@ class Dataset:
         -------
         dict of str to ndarray, shape (n,)
         """
-        found = self.segment_signals(model, parameters, self.outputs, None, self.exogenous())
-        question = self.ask(model)
-        owner = {self.compared(c): c for c in question.held}
-        return recorded(question, owner, found, self.time, self.run, parameters)
+        return self.segment_signals(model, parameters, self.outputs, None, self.exogenous())
 
     @property
     def steps(self):
@@ -665,8 +662,52 @@ class Dataset:
         measured = (np.zeros((len(self.outputs), len(index))) if self.paired
                     else np.array([self.reference(c)[index] for c in self.outputs]))
         signals = self.signals if signals is None else signals
-        cached, stateful = {}, dependent_parameters(question)
-        read = self._read(question)
+        terms = self._terms(model, picks, signals)
+        return Residuals(question, self.outputs, measured, terms, free, parameters,
+                         self.time[index], self.passes[index], self.block[index], self.channels,
+                         not (self.paired or self.averaged),
+                         *((view.lags(self.time), view.colour) if self.paired else (None, 1.0)),
+                         self._held(question, index))
+
+    def _held(self, question, index):
+        """Channels that a filter has held back, or None."""
+        lags = {self.compared(c): n for c, n in question.held.items() if self.compared(c)}
+        if not lags:
+            return None
+        return Held({self.outputs.index(c): n for c, n in lags.items()}, np.array([self.moved(c) for c in lags]),
+                    self.time, self.run, index)
+
+    def moved(self, channel):
+        """What the motion alone predicts of a measured channel that is a function of it, as the torque of a load is.
+
+        Parameters
+        ----------
+        channel : str
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Log by log, a polynomial of the configuration, and speeds and accelerations with their products.
+        """
+        def make():
+            found = np.array(self.reference(channel), dtype=float)
+            rates = [v for n, v in self.signals.items() if n.startswith("der(")]
+            for part in (np.flatnonzero(self.run == k) for k in np.unique(self.run)):
+                x = self.config[:, part]
+                x = 2 * (x - x.min(1, keepdims=True)) / np.maximum(np.ptp(x, axis=1, keepdims=True), 1e-9) - 1
+                own = [v[part] / max(np.std(v[part]), 1e-300) for v in rates]
+                rows = [np.prod(x ** np.array(e)[:, None], axis=0)
+                        for e in itertools.product(range(SMOOTH + 1), repeat=len(x)) if sum(e) <= SMOOTH]
+                rows = np.array([*rows, *own, *(a * b for a, b in itertools.combinations_with_replacement(own, 2))])
+                found[part] = np.linalg.lstsq(rows @ rows.T, rows @ found[part], rcond=1e-10)[0] @ rows
+            return found
+
+        return self.memo(("dataset.moved", channel), make)
+
+    def _terms(self, model, picks, signals):
+        """What a residual is made of at given parameters, from some signals."""
+        question = self.ask(model)
+        cached, stateful, read = {}, dependent_parameters(question), self._read(question)
 
         def terms(values, with_respect_to):
             key = (tuple(values[n] for n in stateful), tuple(with_respect_to))
@@ -679,12 +720,7 @@ class Dataset:
                                     take(sensitivities)) for weight, _, take in picks]
             return cached[key]
 
-        return Residuals(question, self.outputs, measured, terms, free, parameters,
-                         self.time[index], self.passes[index], self.block[index], self.channels,
-                         not (self.paired or self.averaged),
-                         *((view.lags(self.time), view.colour) if self.paired else (None, 1.0)),
-                         {self.outputs.index(self.compared(c)): n for c, n in question.held.items()
-                          if self.compared(c)}, self.run[index])
+        return terms
 
     def _read(self, question):
         """Inputs that the errors, the segments' loads or the friction states depend on."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from ..compile import ArrayFunction
-from ..dynamics.filters import FirstOrder
+from ..dynamics.filters import first_order
 from ..dynamics.states import dependent_parameters
 from .noise import chained
 
@@ -28,6 +28,51 @@ class Term:
     signals: dict
     states: np.ndarray
     sensitivities: np.ndarray
+
+
+@dataclass
+class Held:
+    """Channels that were recorded through a filter of first order: what the model gives is held back alike.
+
+    By how much follows from what the motion alone predicts of the channel, without its noise. What a noisy torque gives
+    would lose noise in a filter, which looks like a better model.
+
+    Parameters
+    ----------
+    lags : dict of int to str
+        Channels, and the question's output that is the time constant of the filter.
+    smooth : ndarray, shape (lags, m)
+        What the motion predicts of them at all samples of the logs.
+    time, run : ndarray, shape (m,)
+        Of all samples.
+    where : ndarray of int, shape (n,)
+        The samples of the residual among those.
+    """
+
+    lags: dict
+    smooth: np.ndarray
+    time: np.ndarray
+    run: np.ndarray
+    where: np.ndarray
+
+    def behind(self, times):
+        """By how much each channel is recorded behind itself, and the derivatives by the time constants.
+
+        Parameters
+        ----------
+        times : sequence of float
+            Time constants [s].
+
+        Returns
+        -------
+        list of (int, ndarray of shape (n,), ndarray of shape (n,))
+            Channel, difference, and its derivative.
+        """
+        found = []
+        for channel, values, lag in zip(self.lags, self.smooth, times):
+            (filtered,), (by_lag,) = first_order(values[None], lag, self.time, self.run)
+            found.append((channel, (values - filtered)[self.where], -by_lag[self.where]))
+        return found
 
 
 class Residuals:
@@ -55,18 +100,15 @@ class Residuals:
         Of paired samples, the time between both [s].
     colour : float
         What interpolation does to white noise; both as of `noise.Chain`.
-    held : dict of int to str, optional
-        Channels that were recorded through a filter of first order, and the question's output that is its time
-        constant. What the model gives is filtered alike before it is compared.
-    run : ndarray, shape (n,), optional
-        Log of each sample, where channels are held.
+    held : Held, optional
+        Channels that were recorded through a filter of first order.
     """
 
     def __init__(self, question, channels, measured, terms, free, parameters, time, group, block,
-                 names=None, linked=False, lags=None, colour=1.0, held=None, run=None):
+                 names=None, linked=False, lags=None, colour=1.0, held=None):
         self.time, self.group, self.block = time, group, block
         self.linked, self.lags, self.colour = linked, lags, colour
-        self.held, self.run = held or {}, run
+        self.held = held
         self.question = question
         self.channels, self.measured = list(channels), measured
         self.names = list(channels if names is None else names)
@@ -78,7 +120,7 @@ class Residuals:
 
     def _build(self):
         """Functions of value and derivatives, compiled once a question and choice of free parameters."""
-        key = (tuple(self.channels), tuple(self.free), tuple(self.of_states))
+        key = (tuple(self.channels), tuple(self.free), tuple(self.of_states), bool(self.held))
 
         def make():
             self._compile()
@@ -100,7 +142,7 @@ class Residuals:
         self.slots = [(r, self.known[c]) for r, c in zip(rows, cols)]
         self.state_slots = list(zip(*outputs[2].sparsity().get_triplet())) if self.of_states else []
         self.plain = ArrayFunction(ca.Function("model", [u, x, p], [ca.densify(ca.cse(y))]))
-        lags = self.question.select(list(self.held.values())).output(u, x, p)  # of parameters alone
+        lags = self.question.select(list(self.held.lags.values()) if self.held else []).output(u, x, p)
         slope = ca.jacobian(lags, columns) if columns.numel() else ca.SX(lags.numel(), 0)
         self.constants = ca.Function("constants", [u, x, p], [ca.densify(lags), ca.densify(slope)])
 
@@ -132,7 +174,7 @@ class Residuals:
         fewer.measured, fewer.terms = self.measured[:, ::k], terms
         fewer.time, fewer.group, fewer.block = self.time[::k], self.group[::k], self.block[::k]
         fewer.lags, fewer.colour = None if self.lags is None else self.lags[::k], 1.0
-        fewer.run = None if self.run is None else self.run[::k]
+        fewer.held = self.held and replace(self.held, where=self.held.where[::k])
         return fewer
 
     def _arguments(self, term, parameters, where):
@@ -155,8 +197,8 @@ class Residuals:
         slice, ndarray of shape (channels, m), ndarray of shape (channels, free, m)
         """
         parameters = {**self.parameters, **dict(zip(self.free, x))}
-        terms = self.terms(parameters, self.of_states)
-        where, filters = where or slice(0, self.n), self._filters(parameters)
+        terms, held = self.terms(parameters, self.of_states), self._behind(parameters)
+        where = where or slice(0, self.n)
         for start in range(where.start, where.stop, _CHUNK):
             part = slice(start, min(start + _CHUNK, where.stop))
             m = part.stop - part.start
@@ -164,26 +206,21 @@ class Residuals:
             slope = np.zeros((len(self.channels), len(self.free), m))
             for term in terms:
                 self._add(term, parameters, part, m, residual, slope)
-            for channel, (line, by_parameter) in filters.items():
-                model = self.measured[channel, part] - residual[channel]
-                rows, by_lag = line(np.vstack([model, slope[channel]]))
-                residual[channel] = self.measured[channel, part] - rows[0]
-                slope[channel] = rows[1:] + by_parameter[:, None] * by_lag[:1]
+            for channel, behind, by_parameter in held:
+                residual[channel] += behind[part]
+                for k, own in by_parameter:
+                    slope[channel, k] -= own[part]
             yield part, residual, slope
 
-    def _filters(self, parameters):
-        """Filters of the channels that are held, and what each time constant owes to the free parameters."""
+    def _behind(self, parameters):
+        """By how much each held channel is recorded behind the model, and derivatives by some free parameters."""
         if not self.held:
-            return {}
+            return []
         q = self.selected
-        lags, slopes = self.constants(np.zeros(len(q.inputs)), np.zeros(len(q.states)),
-                                      [float(parameters[n]) for n in q.parameters])
-        found = {}
-        for channel, lag, known in zip(self.held, lags.full()[:, 0], slopes.full()):
-            by_parameter = np.zeros(len(self.free))
-            by_parameter[self.known] = known[:len(self.known)]
-            found[channel] = FirstOrder(lag, self.time, self.run), by_parameter
-        return found
+        lags, known = self.constants(np.zeros(len(q.inputs)), np.zeros(len(q.states)),
+                                     [float(parameters[n]) for n in q.parameters])
+        return [(channel, behind, [(k, share * by_lag) for k, share in zip(self.known, own) if share])
+                for (channel, behind, by_lag), own in zip(self.held.behind(lags.full()[:, 0]), known.full())]
 
     def _add(self, term, parameters, part, m, residual, slope):
         for inner, values in self.function.blocks(self._arguments(term, parameters, part), m):
@@ -212,15 +249,13 @@ class Residuals:
             In the channels' units.
         """
         parameters = {**self.parameters, **dict(zip(self.free, x))}
-        filters = self._filters(parameters)
-        asked, some = some, slice(None) if filters else some  # a filter remembers all samples
         result = self.measured[:, some].copy()
         for term in self.terms(parameters, ()):
             for inner, values in self.plain.blocks(self._arguments(term, parameters, some), result.shape[1]):
                 result[:, inner] -= term.weight * values
-        for channel, (line, _) in filters.items():
-            result[channel] = self.measured[channel] - line(self.measured[channel][None] - result[channel])[0][0]
-        return result[:, asked] if filters else result
+        for channel, behind, _ in self._behind(parameters):
+            result[channel] += behind[some]
+        return result
 
     def gram(self, x, weights, robust=False):
         """Moments of the weighted derivative and residual, [J r]' [J r].

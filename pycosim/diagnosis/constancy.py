@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..compile import component_name
-from .dependence import SAMPLES, explained, explanations, stretches
+from ..data.instruments import rounding
+from .dependence import AGAIN, SAMPLES, explained, explanations, stretches
 
 LEVELS = 8  # of a variable, over which the coefficient may differ
 LACK = 0.25
@@ -38,7 +39,7 @@ class Constancy:
     variable: str | None = None
 
 
-def constancy(dataset, model, fit):
+def constancy(dataset, model, fit, seed=0):
     """Whether the coefficients of a model's effects are the same all over the data.
 
     Parameters
@@ -46,6 +47,8 @@ def constancy(dataset, model, fit):
     dataset : Dataset
     model : Model
     fit : Fit
+    seed : int
+        Of the roundings whose share is taken off.
 
     Returns
     -------
@@ -62,13 +65,19 @@ def constancy(dataset, model, fit):
     left = fit.weights[:, None] * problem.residual(fit.values)
     label, fold = stretches(dataset, problem)
     bins = {n: levels(v) for n, v in explanations(dataset, model, fit, index).items()}
-    found = {}
+    drawn, rng = rounding(dataset, model, fit), np.random.default_rng(seed)
+    roundings = [fit.weights[:, None] * drawn(rng)[:, ::thin] for _ in range(AGAIN)] if drawn else []
+    energy, found = float((left ** 2).sum()), {}
     for effect, place in model.attached:
         added = fit.weights[:, None] * _added(model, fit, effect, place, slope)
         xy, xx = (added * left).sum(0), (added ** 2).sum(0)
+        rounded = [(added * r).sum(0) for r in roundings]
         found[effect.id, place.name] = best = Constancy()
         for name, cells in bins.items():
-            gain, errors = explained(xy, xx, float((left ** 2).sum()), cells, fold, label, label.max() + 1)
+            gain, errors = explained(xy, xx, energy, cells, fold, label, label.max() + 1)
+            if errors > SURE and gain > best.gain:  # a sawtooth is a function of its angle whatever it is multiplied by
+                gain -= max((max(explained(r, xx, energy, cells, fold, label, label.max() + 1)[0], 0.0)
+                             for r in rounded), default=0.0)
             if errors > SURE and gain > best.gain:
                 found[effect.id, place.name] = best = Constancy(float(gain), name)
     return found

@@ -7,7 +7,7 @@ nothing, and whose coefficient is the same all over the data.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from .crossval import difference, select
 from .dependence import RELEVANT, dependence, noise_floor
 from .excitation import smallest, undetectable, varied
 from .lack_of_fit import unexplained
-from .scores import LEVEL, Scores
+from .scores import LEVEL, PRESSED, Scores
 from .table import Table
 
 NOTHING = "its interval holds zero, so that something else is at work"
@@ -143,19 +143,9 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
         gain = finding.constancy.gain * finding.selection.raw.sum()
         return gain <= LACK * difference(base.raw, finding.selection.raw)[0]
 
-    _decide(findings, rivals, base, {e.id: e.refines for e in catalogue(dataset.library).values()}, steady)
-    chosen = next((f for f in findings if f.accepted or f.provisional), None)
+    chosen = _chosen(dataset, model, fit, findings, rivals, base, steady, scores.single)
     if chosen is not None:
-        larger = compile_model(dataset.library, model.rig, [*model.keys, chosen.key])
-        chosen.fit = least_squares.fit(dataset, larger, chosen.fit.parameters)
-        chosen.coefficients = _coefficients(larger, chosen.fit)
-        if _holds_nothing(chosen):  # all samples are in this fit, and a bound that only they reach
-            chosen.accepted = chosen.provisional = False
-            chosen.refused, chosen = NOTHING, None
-            for finding in findings:  # alternatives of what is no finding
-                finding.twins = []
-        else:
-            _explained_by(findings, chosen, scores)
+        _explained_by(findings, chosen, scores)
     say("looking at what is left")
     hidden = undetectable(table, scores)
     verdict = _verdict(findings, alarm, hidden, dataset, model.attached)
@@ -166,6 +156,35 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     mystery = unexplained(table, depends, floor) if verdict == "unexplained" and not dataset.averaged else None
     return Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single, smallest(scores, LEVEL),
                      varied(table), mystery, channels)
+
+
+def _lesser(dataset, one, other):
+    """The lesser of two estimates of the noise, channel by channel: by what it gives the mean of a long stretch."""
+    step = float(np.median(np.diff(dataset.time))) if len(dataset.time) > 1 else 1.0
+    return [min(pair, key=lambda n: n.white ** 2 * step + 2 * n.slow ** 2 * n.memory) for pair in zip(one, other)]
+
+
+def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
+    """The first finding that earns it on all samples as well: their fit reaches bounds that a trial does not."""
+    refines = {e.id: e.refines for e in catalogue(dataset.library).values()}
+    for _ in range(len(rivals)):
+        chosen = _decide(findings, rivals, base, refines, steady)
+        if chosen is None:
+            break
+        larger = compile_model(dataset.library, model.rig, [*model.keys, chosen.key])
+        chosen.fit = least_squares.fit(dataset, larger, chosen.fit.parameters)
+        if _holds_nothing(larger, chosen):  # something else may be missing too, which its noise then holds
+            chosen.fit = least_squares.fit(dataset, larger, chosen.fit.parameters,
+                                           noise=_lesser(dataset, noise, chosen.fit.noise))
+        if _holds_nothing(larger, chosen):
+            chosen.fit = _told_from_nothing(dataset, larger, chosen, model, fit)
+        chosen.coefficients = _coefficients(larger, chosen.fit)
+        if not _holds_nothing(larger, chosen):
+            return chosen
+        chosen.accepted, chosen.provisional, chosen.refused = False, False, NOTHING
+        for finding in findings:  # alternatives of what is no finding
+            finding.twins = []
+    return None
 
 
 def _findings(table, scores):
@@ -243,9 +262,15 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
     finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
     finding.coefficients = _coefficients(larger, finding.fit)
     base = component_name(*larger.attached[-1])
-    finding.sizes = {c: larger.parameters[f"{base}.{c}"].value for c in larger.attached[-1][0].size
-                     if c in finding.coefficients}
+    acting = table.contribution(larger.attached[-1][0]).coefficients  # a time or a travel too that acts by itself
+    finding.sizes = {c: _neutral(larger.attached[-1][0], c, larger.parameters[f"{base}.{c}"])
+                     for c in acting if c in finding.coefficients}
     return True
+
+
+def _neutral(effect, coefficient, variable):
+    """Value at which a coefficient changes nothing: of a time or a travel, none, or the least that is allowed."""
+    return min(max(0.0, variable.min), variable.max) if coefficient in effect.scan else variable.value
 
 
 def _explained_by(findings, chosen, scores):
@@ -291,23 +316,21 @@ def nudged(start, model, finding):
 def _decide(findings, rivals, base, refines, steady):
     """Order the refitted candidates, accept the first that earns it, and name what these data cannot tell it from.
 
-    ``steady(finding)`` says whether a finding's coefficient is the same all over the data.
+    ``steady(finding)`` says whether a finding's coefficient is the same all over the data. Returns that finding, or None.
     """
-    if not rivals:
-        return
     parameters = {f.key: len(f.fit.free) for f in rivals}
     rivals.sort(key=lambda f: f.selection.white.sum() + 2 * parameters[f.key])
     rest = [f for f in findings if f not in rivals]
     findings[:] = [*rivals, *rest]
     for f in rivals:
-        f.refused = _refused(base, f)
+        f.refused = f.refused or _refused(base, f)
     earned = [f for f in rivals if f.refused is None]
     if not earned:
-        return
+        return None
     best = earned[0]
     if _at_a_bound(best):  # a coefficient that the bounds alone hold is no measurement, where another does as well
         best = next((f for f in earned[1:] if not _at_a_bound(f) and _twins(base, f, best)), best)
-    twins = [f for f in rivals if f is not best and _twins(base, f, best)]
+    twins = [f for f in rivals if f is not best and f.refused != NOTHING and _twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(base, f, best, 3.0)), None)
     if plain is not None:  # a correction of an effect is not claimed where the effect itself does nearly as well
         twins = [best, *[t for t in twins if t is not plain]]
@@ -319,6 +342,7 @@ def _decide(findings, rivals, base, refines, steady):
     for other in twins:
         best.twins.append({"effect": other.effect, "place": other.place})
         other.twins.append({"effect": best.effect, "place": best.place})
+    return best
 
 
 def _at_a_bound(finding):
@@ -347,10 +371,33 @@ def _refused(base, finding):
     return None
 
 
-def _holds_nothing(finding):
+def _holds_nothing(model, finding):
     """Whether the intervals of all sizes hold the value that changes nothing."""
-    ends = [(finding.coefficients[n]["ci95"], neutral) for n, neutral in finding.sizes.items()]
-    return bool(ends) and all(low <= neutral <= high for (low, high), neutral in ends)
+    coefficients = _coefficients(model, finding.fit)
+    ends = [(coefficients[n]["ci95"], neutral) for n, neutral in finding.sizes.items()]
+    return bool(ends) and not finding.fit.apart and all(low <= neutral <= high for (low, high), neutral in ends)
+
+
+def _told_from_nothing(dataset, model, finding, smaller, without):
+    """The fit, with what the likelihood ratio rules out although an interval holds it.
+
+    An interval takes the model as straight. A factor of a product, such as the growth of a loss that is small itself,
+    may be known to differ from nothing while its size is not known at all: the interval is all that the bounds allow.
+    """
+    variables, base = finding.fit.variables, component_name(*model.attached[-1])
+    if not all(finding.fit.interval(f"{base}.{n}") == [variables[f"{base}.{n}"].min, variables[f"{base}.{n}"].max]
+               for n in finding.sizes):
+        return finding.fit
+
+    def squares(m, f):
+        problem = dataset.residuals(m, f.free, f.parameters, "fit")
+        return sum((noise.whiten(r[None], problem.chain) ** 2).sum()
+                   for noise, r in zip(finding.fit.noise, problem.residual(f.values)))
+
+    fall = squares(smaller, without) - squares(model, finding.fit)
+    if fall < PRESSED * len(finding.sizes):
+        return finding.fit
+    return replace(finding.fit, apart={f"{base}.{n}": neutral for n, neutral in finding.sizes.items()})
 
 
 def _twins(base, other, best, errors=SEPARATE):

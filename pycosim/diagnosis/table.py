@@ -129,7 +129,7 @@ class Table:
         for k, term in enumerate(whole.terms({**parameters}, whole.of_states)):
             single = Residuals(whole.question, whole.channels, np.zeros_like(whole.measured),
                                lambda values, wrt, k=k: [whole.terms(values, wrt)[k]], free, parameters,
-                               whole.time, whole.group, whole.block, held=whole.held, run=whole.run)
+                               whole.time, whole.group, whole.block, held=whole.held)
             slope = np.concatenate([j for _, _, j in single.blocks(x)], axis=2)
             self.responses.append(slope[:, p:])
             self.slope = slope[:, :p] if k == 0 else self.slope + slope[:, :p]
@@ -184,7 +184,6 @@ class Table:
                   for v in kind.potentials]
         names += sorted({i for e in catalogue(self.library).values() for i in e.inputs})
         self.full = {**d.signals, **d.measured, **d.segment_signals(q, self.fit.parameters, names, None, d.exogenous())}
-        self._predicted = d.predicted(q, self.fit.parameters)
         self._followed, self._records = {}, {}
         self._kept, self._own = {}, {id(v) for v in (d.time, *self.full.values())}
         self.takes = [take for _, _, take in d._picks(d.view(self.part))]
@@ -219,7 +218,7 @@ class Table:
             found[AHEAD] = None if now is None else self._ahead(now, *times)
         if HELD in effect_question(self.library, effect).inputs:
             channel = self.dataset.compared(component)
-            found[HELD] = None if channel is None else self._ahead(self._predicted[channel], *times)
+            found[HELD] = None if channel is None else self._ahead(self.dataset.moved(channel), *times)
         found.update({i: self.full.get(i) for i in effect.inputs})
         if term is None:
             return found

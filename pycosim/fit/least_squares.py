@@ -50,6 +50,9 @@ class Fit:
     weights : ndarray, shape (channels,)
     conditional : bool
         Whether something is known to be missing beside it: its intervals hold if that is the same all over the data.
+    apart : dict of str to float
+        Values that the data rule out although an interval, which takes the model as straight, reaches beyond them: of a
+        product, one factor may have any size but none at all. Intervals end there.
     """
 
     parameters: dict
@@ -65,6 +68,7 @@ class Fit:
     weights: np.ndarray
     error: dict = field(default_factory=dict)
     conditional: bool = False
+    apart: dict = field(default_factory=dict)
 
     @property
     def stderr(self):
@@ -131,7 +135,7 @@ class Fit:
         """
         k, v = self.free.index(name), self.variables[name]
         if not self.identifiable(name):
-            return self._range_by_bounds(k, level)
+            return self._cut(name, *self._range_by_bounds(k, level))
         half = stats.t.ppf(0.5 + level / 2, self.dof) * self.stderr[k]
         low, high = self.unbounded[k] - half, self.unbounded[k] + half
         if high < v.min:
@@ -139,7 +143,14 @@ class Fit:
         if low > v.max:
             low = v.max - half
         low, high = min(low, self.values[k]), max(high, self.values[k])
-        return [float(max(low, v.min)), float(min(high, v.max))]
+        return self._cut(name, float(max(low, v.min)), float(min(high, v.max)))
+
+    def _cut(self, name, low, high):
+        """An interval without what lies beyond a value that is ruled out."""
+        if name in self.apart:
+            end = self.apart[name]
+            low, high = (max(low, end), high) if self.parameters[name] > end else (low, min(high, end))
+        return [low, high]
 
     def draw(self, n, bounded=True, seed=0):
         """Parameter sets that the data allow, for simulators that vary their machines.
