@@ -96,7 +96,7 @@ GEARED = ("viscous", "stribeck", "direction_asymmetry", "torque_offset", "torque
           "thermal_drift", "torque_constant", "time_delay", "presliding")
 LINEAR = ("viscous_asymmetry", "torque_offset", "torque_ripple", "stribeck", "time_delay", "direction_asymmetry",
           "sublinear_viscous", "thermal_drift")
-LAG = (("low_pass", "*"), ("time_delay", "*"))
+LAG = (("low_pass", "*"), ("time_delay", "*"), ("reference_lag", "*"))
 MASS = (("reference_mass", "*"), ("reference_centre", "*"), ("payload", "*"), ("reference_gain", "*"))
 CONDITIONS = {
     "plain": Condition("fine resolution, white and slow noise"),
