@@ -11,10 +11,11 @@ _FAR = 10.0
 """Robust standard deviations from the median of the neighbours: of a million normal samples none is beyond 6, and noise
 that grows with load or speed is measured around each sample."""
 _SIDE, _AROUND = 3, 100  # samples on each side of the median, and of the scatter
+_NEAR = 5  # samples about a start, a stop or a turn
 _SEEN = 0.01  # of the range: nearer ones move no fit
 _SHARE = 0.02  # of the samples: more are no outliers
 _SHOCK = 12.0  # robust deviations of the residual over a tenth of a second
-_CALM = 0.3  # s to the next sample at rest
+_CALM = 0.3  # s to the next sample at rest, start, stop or turn
 _LONGEST = 0.5  # s that a shock lasts at most
 
 
@@ -30,13 +31,15 @@ def outliers(logs, columns):
     -------
     found : list of Finding
     """
-    found = []
+    found, turns = [], {log.name: starts(log) for log in logs}
     for name in sorted(set.intersection(*[set(log.signals) for log in logs])):
         times, count, total, size = [], 0, 0, 0.0
         for log in logs:
             values = log.signals[name]
             total += values.size
             far, off = spikes(values)
+            free = ~turns[log.name][far]
+            far, off = far[free], off[free]
             count += far.size
             size = max(size, float(np.abs(off).max(initial=0.0)))
             times += [(float(log.time[max(k - 1, 0)]), float(log.time[min(k + 1, values.size - 1)])) for k in far]
@@ -48,6 +51,30 @@ def outliers(logs, columns):
             found.append(Finding("outliers", text, [columns.of(name)], 0.99, mend="[fit]\nrobust = true",
                                  times=times[:50]))
     return found
+
+
+def starts(log):
+    """Samples about which a joint starts, stops or turns: a torque may jump there, and be back at the next sample.
+
+    Parameters
+    ----------
+    log : Log
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    found = np.zeros(len(log.time), bool)
+    for name, values in log.signals.items():
+        if name.endswith((".phi", ".s")) and values.size > 4 * _NEAR:
+            steps = np.abs(np.diff(values))
+            least = 2 * float(steps[steps > 0].min(initial=np.inf)) if (steps > 0).any() else np.inf
+            moved = values[_NEAR:] - values[:-_NEAR]
+            before, after = moved[:-_NEAR], moved[_NEAR:]
+            slow, fast = (f(np.abs(before), np.abs(after)) for f in (np.minimum, np.maximum))
+            turn = (fast > least) & ((slow < 0.2 * fast) | (before * after < 0))
+            found[_NEAR:-_NEAR] |= turn
+    return maximum_filter1d(found, 2 * _NEAR + 1)
 
 
 def spikes(values):
@@ -96,6 +123,8 @@ def shocks(readings, columns, holds):
     """
     hit, time, run = np.zeros(readings.time.size, bool), readings.time, readings.run
     named = set()
+    turns = np.concatenate([_about(starts(log), log.time * readings.clock)[pick]
+                            for log, pick in zip(readings.logs, readings.picks)])
     for relation, hold in holds:
         if not hasattr(relation, "name") or relation.level or hold.residual is None:
             continue
@@ -107,6 +136,7 @@ def shocks(readings, columns, holds):
             usual = 1.4826 * np.median(np.abs(smooth[hold.used])) if hold.used.any() else 0.0
             # at a reversal friction passes through states that the quick model does not follow
             calm = minimum_filter1d(hold.used.astype(int), 2 * int(_CALM / max(step, 1e-9)) + 1).astype(bool)
+            calm &= ~turns
             far = (np.abs(smooth) > _SHOCK * usual) & calm & (usual > 0)
             if far.any() and far.mean() < 0.005:
                 hit |= far
@@ -120,6 +150,12 @@ def shocks(readings, columns, holds):
     text = (f"{len(spans)} {'stretch' if len(spans) == 1 else 'stretches'} of less than {_LONGEST:g} s that the model "
             f"does not follow in {', '.join(sorted(named))}, as after a shock")
     return [Finding("shock", text, sorted(named), 0.7, times=spans[:50])]
+
+
+def _about(mask, time):
+    """A mask with what lies within the time of a calm about it."""
+    step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
+    return maximum_filter1d(mask, 2 * int(_CALM / max(step, 1e-9)) + 1)
 
 
 def _spans(mask, run):
