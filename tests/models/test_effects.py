@@ -172,7 +172,7 @@ def test_a_pair_with_a_squared_load_says_that_it_has_no_closed_form():
 
 def test_places_of_pairs_channels_joints_and_lines():
     found = {e.id: [p.name for p in places(LIBRARY, RIG, e)] for e in catalogue(LIBRARY).values()}
-    assert len(found) == 30
+    assert len(found) == 31
     assert found["cross_load"] == ["1A+2A", "1B+2B"] and found["time_delay"] == ["torque"]
     assert found["joint_spring"] == ["hip", "knee", "hip+knee"] and found["payload"] == ["shank"]
     assert found["cable_compliance"] == found["backlash"] == ["line1", "line2", "line1+line2"]

@@ -55,7 +55,8 @@ def test_new_writes_a_study_for_a_rig_of_ones_own(log, tmp_path, monkeypatch, ca
 
 
 @pytest.mark.parametrize("change, says", [
-    (("estimate=", "estimated="), "holds no rig"), (("equation\n", "equatio\n"), "Barrier.mo"),
+    (("estimate=", "estimated="), "has no key 'estimated'; closest: 'estimate'"),
+    (("__pycosim(", "__other("), "holds no rig"), (("equation\n", "equatio\n"), "Barrier.mo"),
     (("DriveTrain.Components.Motor", "DriveTrain.Components.Moto"), "DriveTrain.Components.Motor")])
 def test_new_refuses_what_is_no_rig_in_a_sentence(change, says, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
