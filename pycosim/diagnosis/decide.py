@@ -316,7 +316,7 @@ def nudged(start, model, finding):
 def _decide(findings, rivals, base, refines, steady):
     """Order the refitted candidates, accept the first that earns it, and name what these data cannot tell it from.
 
-    ``steady(finding)`` says whether a finding's coefficient is the same all over the data. Returns that finding or None.
+    ``steady(finding)`` says whether a finding's coefficient is the same all over the data. Returns it, or None.
     """
     parameters = {f.key: len(f.fit.free) for f in rivals}
     rivals.sort(key=lambda f: f.selection.white.sum() + 2 * parameters[f.key])
