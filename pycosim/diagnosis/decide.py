@@ -263,14 +263,16 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
     finding.coefficients = _coefficients(larger, finding.fit)
     base = component_name(*larger.attached[-1])
     acting = table.contribution(larger.attached[-1][0]).coefficients  # a time or a travel too that acts by itself
-    finding.sizes = {c: _neutral(larger.attached[-1][0], c, larger.parameters[f"{base}.{c}"])
+    scan = larger.attached[-1][0].scan
+    own, rig = finding.fit.variables, larger.parameters
+    finding.sizes = {c: _none(own[f"{base}.{c}"]) if c in scan else rig[f"{base}.{c}"].value
                      for c in acting if c in finding.coefficients}
     return True
 
 
-def _neutral(effect, coefficient, variable):
-    """Value at which a coefficient changes nothing: of a time or a travel, none, or the least that is allowed."""
-    return min(max(0.0, variable.min), variable.max) if coefficient in effect.scan else variable.value
+def _none(variable):
+    """Time or travel that changes nothing: none, or the least that is allowed."""
+    return min(max(0.0, variable.min), variable.max)
 
 
 def _explained_by(findings, chosen, scores):
