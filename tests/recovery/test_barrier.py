@@ -47,11 +47,12 @@ def test_new_writes_a_study_for_a_rig_of_ones_own(log, tmp_path, monkeypatch, ca
     monkeypatch.chdir(tmp_path)
     Path("own").mkdir()
     Path("own/Barrier.mo").write_text((EXAMPLE / "Barrier.mo").read_text())
-    assert main(["new", "own/Barrier.mo", "--data", str(log), "--out", "studies", "--quiet"]) == 0
+    said = ["--map", "motor_angle=motor.phi:deg", "current=motor.tau:A,k_m=0.11", "arm_torque=C:N.m"]
+    assert main(["new", "own/Barrier.mo", "--data", str(log), "--out", "studies", "--quiet", *said]) == 0
     study = load_study("studies/Barrier.toml")
     assert study.rig == "Barrier" and study.modelica == [tmp_path / "own" / "Barrier.mo"] and study.runs == [log]
     assert {n for n, s in study.parameters.items() if s.fixed is False} == {"worm.f0", "worm.mu"}
-    assert {c.variable for c in study.columns.values()} == {"motor.phi", "motor.tau", "motor.w", "C"}
+    assert {c.variable for c in study.columns.values()} == {"time", "motor.phi", "motor.tau", "C"}
 
 
 @pytest.mark.parametrize("change, says", [
