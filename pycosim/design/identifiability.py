@@ -69,11 +69,11 @@ def channels_compared(plan):
     dict
         By ``with_reference`` and ``without_reference``: ``stderr`` of every parameter (None where undetermined),
         ``null_directions`` in words. ``loss``: geometric mean of the intervals without over with, over what both
-        determine. Empty where the rig has no motor torque to pair.
+        determine. Empty where the rig has no motor torque to pair, or no model of its load to foresee a reference by.
     """
     k = plan.known
     outputs, inputs = k.model.alternatives("estimate")[0]
-    if not any(n.endswith(".tau") for n in inputs) or not k.free:
+    if not any(n.endswith(".tau") for n in inputs) or not k.free or not k.model.notes.get("gravity_model"):
         return {}
     base = [n for n in k.free if n in k.model.parameters]
     found, errors = {}, {}

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ..compile import ArrayFunction
+from ..core.errors import StudyError
 from ..data.dataset import Dataset
 from ..data.logs import Log
 from ..fit import least_squares
@@ -67,8 +68,18 @@ def expected(study, library, asked, kin, model, values, motion, measured=()):
     Returns
     -------
     Dataset
+
+    Raises
+    ------
+    StudyError
+        The rig has no model of its load, whose torque the machine would be compared with.
     """
     signals = signals_of(asked, kin, model, values, motion)
+    unknown = [n for n in asked.outputs if n not in signals and model.unit(n) in ("N.m", "N")]
+    if unknown and not asked.paired and not model.notes.get("gravity_model"):
+        raise StudyError(f"{study.path}: {model.rig} has no model of its load, so that a plan cannot foresee "
+                         f"{', '.join(unknown)}; add one to the rig (gravity_model in its annotation, as in "
+                         'DriveTrain.Rigs.GearedJoint), or plan with reference = "unknown"')
     wanted = set(asked.known) | set(measured) | (set() if asked.paired else set(asked.outputs))
     kept = {n: v for n, v in signals.items() if n in wanted}
     kept.update({n: np.zeros(len(motion.time)) for n in measured if n not in kept and n != "time"})
