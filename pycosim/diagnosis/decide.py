@@ -358,7 +358,8 @@ def _plainly_better(base, earned):
     for f in earned[1:]:
         behind, error = difference(f.selection.white, best.selection.white)
         ahead, own = difference(best.selection.raw, f.selection.raw)
-        if behind <= SEPARATE * error and behind < ALIKE * fall and ahead > SEPARATE * own:
+        if (behind <= SEPARATE * error and behind < ALIKE * fall
+                and ahead > max(SEPARATE * own, RELEVANT * best.selection.raw.sum())):
             better.append(f)
     return min(better, key=lambda f: f.selection.raw.sum()) if better else best
 
@@ -423,11 +424,10 @@ def _twins(base, other, best, errors=SEPARATE):
 
     Rivals that take away very different parts of the error are no alternatives, however noisy the comparison.
     """
-    for kind in ("white", "raw"):
+    for kind, least in (("white", 2.0 * errors ** 2), ("raw", RELEVANT * best.selection.raw.sum())):
         one, two, none = (getattr(s, kind) for s in (other.selection, best.selection, base))
         gap, spread = difference(one, two)
-        alike = gap <= errors * spread and gap < ALIKE * difference(none, two)[0]
-        if not alike and (kind == "raw" or gap >= 2.0 * errors ** 2):
+        if gap >= least and not (gap <= errors * spread and gap < ALIKE * difference(none, two)[0]):
             return False
     return True
 
