@@ -265,7 +265,8 @@ class Dataset:
         signals = self.signals if signals is None else signals
         if not question.late:
             return signals
-        return undo(question, signals, self.time, self.run, parameters,
+        unmeasured = {n: np.zeros(len(self.time)) for n in question.late if n not in signals}  # a push that is none
+        return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
                     {n: self._slope(n) for n in question.late if not _is_motion(n)},
                     lambda name: self._rate(signals[name]))
 
@@ -287,7 +288,8 @@ class Dataset:
         It is zero near their ends, where a torque recorded late jumps, and tells of that jump and of no slope.
         """
         if name not in self._slopes:
-            found, values = np.zeros(len(self.time)), self.exogenous()[name]
+            found = np.zeros(len(self.time))
+            values = self.exogenous().get(name, found)
             for s in contiguous(self.time, self.passes):
                 if self.passes[s.start] >= 0:
                     time, v = self.time[s], values[s]
