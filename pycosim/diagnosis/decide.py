@@ -23,6 +23,7 @@ from .scores import LEVEL, PRESSED, Scores
 from .table import Table
 
 NOTHING = "its interval holds zero, so that something else is at work"
+UNSOLVED = "beside the effects of the model it has no answer in closed form"
 ALIKE = 0.2  # of what the best takes away, that an alternative may leave
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
 REFITS = 10
@@ -172,6 +173,9 @@ def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
         if chosen is None:
             break
         larger = compile_model(dataset.library, model.rig, [*model.keys, chosen.key])
+        if not _can_be_searched(dataset, larger):
+            _give_way(findings, chosen, UNSOLVED)
+            continue
         chosen.fit = least_squares.fit(dataset, larger, chosen.fit.parameters)
         if _holds_nothing(larger, chosen):  # something else may be missing too, which its noise then holds
             chosen.fit = least_squares.fit(dataset, larger, chosen.fit.parameters,
@@ -181,10 +185,24 @@ def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
         chosen.coefficients = _coefficients(larger, chosen.fit)
         if not _holds_nothing(larger, chosen):
             return chosen
-        chosen.accepted, chosen.provisional, chosen.refused = False, False, NOTHING
-        for finding in findings:  # alternatives of what is no finding
-            finding.twins = []
+        _give_way(findings, chosen, NOTHING)
     return None
+
+
+def _give_way(findings, chosen, reason):
+    """Refuse what was chosen, and forget what were alternatives of it."""
+    chosen.accepted, chosen.provisional, chosen.refused = False, False, reason
+    for finding in findings:
+        finding.twins = []
+
+
+def _can_be_searched(dataset, model):
+    """Whether the model has an answer in closed form with the probes that the next search hangs on its places."""
+    try:
+        dataset.ask(compile_model(dataset.library, model.rig, model.keys, True))
+    except PycosimError:
+        return False
+    return True
 
 
 def _findings(table, scores):
@@ -332,7 +350,7 @@ def _decide(findings, rivals, base, refines, steady):
     best = _plainly_better(base, earned)
     if _at_a_bound(best):  # a coefficient that the bounds alone hold is no measurement, where another does as well
         best = next((f for f in earned[1:] if not _at_a_bound(f) and _twins(base, f, best)), best)
-    twins = [f for f in rivals if f is not best and f.refused != NOTHING and _twins(base, f, best)]
+    twins = [f for f in rivals if f is not best and f.refused not in (NOTHING, UNSOLVED) and _twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(base, f, best, 3.0)), None)
     if plain is not None:  # a correction of an effect is not claimed where the effect itself does nearly as well
         twins = [best, *[t for t in twins if t is not plain]]
