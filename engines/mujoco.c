@@ -8,7 +8,12 @@
    the actuators' moments. All drives of an instance are solved for together, by Newton's method. Its matrix,
    M - h J' tau' J, has MuJoCo's own pattern where an actuator moves one joint, or joints of one branch: then a
    correction costs what MuJoCo's factorisation of M does. What constraints (contacts, stops, equalities) did in the
-   last step is taken as what they will do in this one. */
+   last step is taken as what they will do in this one.
+
+   With MuJoCo's integrators of order one (Euler, implicit, implicitfast) that is all. RK4 takes the mean torque over the
+   step, from the FMU's own step of order two: two such solutions, each over GAMMA h. In each of RK4's stages they start
+   where the step does, and the bodies' forces are those of the stage: so what holds a joint at rest in one holds it in
+   all, and RK4's weights give the mean over the step. */
 
 #include <math.h>
 #include <stdlib.h>
@@ -16,9 +21,11 @@
 #include <mujoco/mujoco.h>
 
 #define SMALL 1e-6      /* of a correction of a speed, relative and of 1 rad/s; its square is what it leaves */
-#define STRAIGHT 1e-11  /* over the largest torque: as far off the line of a correction, that was the last one */
+#define STRAIGHT 1e-10  /* over the largest torque: as far off the line of a correction, that was the last one */
 #define PLAIN 8         /* corrections taken whole */
 #define MOST 30         /* then shortened ones, as far as the next one gets smaller */
+#define GAMMA 0.29289321881345248 /* 1 - sqrt(1/2), of the L-stable method of order two with two stages */
+#define SAME 1e-9       /* relative and of 1 rad/s; as near is a speed that RK4 made to where it should be */
 
 typedef struct {
   int n, nv, dofs, full;                 /* actuators, degrees of freedom: MuJoCo's, the drives' trees'; own pattern? */
@@ -27,10 +34,13 @@ typedef struct {
   double q[NQ];
   double *lower, *upper, *inverse;       /* the matrix, then its factors; columns up to the diagonal; 1 / pivots */
   double *push, *left, *change, *next;   /* forces; what x still misses, its correction, what the next misses */
-  double *phi, *w, *u;                   /* of the actuators at the start of a step: angle, speed, control */
+  double *phi, *w;                       /* of the actuators at the start of a step, or of a part: angle, speed */
   double *v, *tau, *slope;               /* at its end: speed, torque, slope (n x NM) */
   double *turn, *line;                   /* their correction of the speed, and of the torque along a straight line */
-  double *trial, *trial_tau, *trial_slope, *spare, *after;
+  double *trial, *trial_tau, *trial_slope, *spare, *mean, *after;
+  double *ahead;                         /* by how much a speed was guessed ahead, which its first correction takes back */
+  int begun;                             /* whether a step is: these are of its start */
+  double time, *qpos, *qvel, *phi_start, *w_start, *u_start;
 } Drive;
 
 static int count(const mjModel *m, int instance) {
@@ -48,6 +58,7 @@ static void destroy(mjData *d, int instance) {
   if (e) {
     free(e->output);
     free(e->push);
+    free(e->qpos);
     free(e->column);
     free(e->lower);
     free(e);
@@ -90,16 +101,12 @@ static int init(const mjModel *m, mjData *d, int instance) {
     mju_warning("%s: %d actuators share an instance; a drive has %d, in the order of its motors", DRIVE_NAME, n, NM);
     return -1;
   }
-  if (m->opt.integrator == mjINT_RK4) {
-    mju_warning("%s: friction is implicit in the speed at the end of a step; take Euler, implicit or implicitfast",
-                DRIVE_NAME);
-    return -1;
-  }
   Drive *e = (Drive *)calloc(1, sizeof(Drive));
   d->plugin_data[instance] = (uintptr_t)e;
   if (e) e->output = (int *)calloc(2 * (size_t)n + 4 * (size_t)nv + 1, sizeof(int));
-  if (e) e->push = (double *)calloc(5 * (size_t)nv + (10 + 2 * NM + NX) * (size_t)n + 1, sizeof(double));
-  if (!e || !e->output || !e->push || !room(e, m->nC) || !configure(m, instance, e)) {
+  if (e) e->push = (double *)calloc(5 * (size_t)nv + (11 + 2 * NM + NX) * (size_t)n + 1, sizeof(double));
+  if (e) e->qpos = (double *)calloc((size_t)m->nq + nv + 3 * (size_t)n + 1, sizeof(double));
+  if (!e || !e->output || !e->push || !e->qpos || !room(e, m->nC) || !configure(m, instance, e)) {
     destroy(d, instance);
     return -1;
   }
@@ -109,8 +116,9 @@ static int init(const mjModel *m, mjData *d, int instance) {
   e->left = e->push + nv, e->change = e->left + nv, e->next = e->change + nv, e->inverse = e->next + nv;
   e->v = e->inverse + nv, e->tau = e->v + n, e->turn = e->tau + n, e->line = e->turn + n, e->trial = e->line + n;
   e->trial_tau = e->trial + n, e->spare = e->trial_tau + n, e->slope = e->spare + n;
-  e->trial_slope = e->slope + n * NM, e->phi = e->trial_slope + n * NM, e->w = e->phi + n, e->u = e->w + n;
-  e->after = e->u + n;
+  e->trial_slope = e->slope + n * NM, e->phi = e->trial_slope + n * NM, e->w = e->phi + n, e->mean = e->w + n;
+  e->ahead = e->mean + n, e->after = e->ahead + n;
+  e->qvel = e->qpos + m->nq, e->phi_start = e->qvel + nv, e->w_start = e->phi_start + n, e->u_start = e->w_start + n;
   memcpy(e->length, m->M_rownnz, nv * sizeof(int));
   memcpy(e->start, m->M_rowadr, nv * sizeof(int));
   memcpy(e->column, m->M_colind, m->nC * sizeof(int));
@@ -123,7 +131,7 @@ static int init(const mjModel *m, mjData *d, int instance) {
 }
 
 static void reset(const mjModel *m, mjtNum *state, void *data, int instance) {
-  (void)data;
+  if (data) ((Drive *)data)->begun = 0;
   memset(state, 0, m->plugin_statenum[instance] * sizeof(mjtNum));
 }
 
@@ -214,28 +222,34 @@ static void assemble(const mjModel *m, const mjData *d, Drive *e, double h) {
   }
 }
 
-/* Its factors, from the leaves of the tree to its root; no pivots are needed, as torque falls with speed. */
-static void factorise(Drive *e) {
+/* Its factors, from the leaves of the tree to its root, and the first half of the solution x, in whose place the right
+   side was; no pivots are needed, as torque falls with speed. */
+static void factorise(Drive *e, double *restrict x) {
   for (int at = e->dofs - 1; at >= 0; --at) {
     const int i = e->dof[at], many = e->length[i] - 1, *of = e->column + e->start[i];
     const double *row = e->lower + e->start[i], *column = e->upper + e->start[i];
-    const double inverse = e->inverse[i] = 1 / row[many];
+    const double inverse = e->inverse[i] = 1 / row[many], right = x[i];
     for (int k = 0; k < many; ++k) {
-      double *above = e->lower + e->start[of[k]], *left = e->upper + e->start[of[k]];
+      double *restrict above = e->lower + e->start[of[k]], *restrict left = e->upper + e->start[of[k]];
       const double by = column[k] * inverse, across = row[k] * inverse;
+      x[of[k]] -= by * right;
       for (int l = 0; l <= k; ++l) above[l] -= by * row[l];
       for (int l = 0; NM > 1 && l <= k; ++l) left[l] -= across * column[l];
     }
   }
 }
 
-/* The solution x, in whose place the right side was. */
-static void backward(const Drive *e, double *x) {
+/* The first half with the factors as they are. */
+static void descend(const Drive *e, double *restrict x) {
   for (int at = e->dofs - 1; at >= 0; --at) {
     const int i = e->dof[at], many = e->length[i] - 1, *of = e->column + e->start[i];
     const double *column = e->upper + e->start[i], by = x[i] * e->inverse[i];
     for (int k = 0; k < many; ++k) x[of[k]] -= column[k] * by;
   }
+}
+
+/* The second half. */
+static void ascend(const Drive *e, double *restrict x) {
   for (int at = 0; at < e->dofs; ++at) {
     const int i = e->dof[at], many = e->length[i] - 1, *of = e->column + e->start[i];
     const double *row = e->lower + e->start[i];
@@ -247,16 +261,45 @@ static void backward(const Drive *e, double *x) {
 
 /* --- a step */
 
+/* Where the step starts. */
+static void begin(const mjModel *m, const mjData *d, Drive *e) {
+  for (int k = 0; k < e->n; ++k) {
+    e->phi_start[k] = d->actuator_length[e->output[k]];
+    e->w_start[k] = d->actuator_velocity[e->output[k]];
+    e->u_start[k] = d->ctrl[e->control[k]];
+  }
+  memcpy(e->qpos, d->qpos, m->nq * sizeof(double));
+  memcpy(e->qvel, d->qvel, e->nv * sizeof(double));
+  e->time = d->time;
+  e->begun = 1;
+}
+
+/* Whether this is a later stage of the step that was begun: RK4 made its time, and its speed of the last acceleration. */
+static int later(const mjModel *m, const mjData *d, const Drive *e) {
+  const double t = d->time - e->time;
+  if (m->opt.integrator != mjINT_RK4 || !e->begun || t <= 0 || t > m->opt.timestep * (1 + SAME)) return 0;
+  for (int i = 0; i < e->nv; ++i)
+    if (!(fabs(d->qvel[i] - e->qvel[i] - t * d->qacc[i]) <= SAME * (1 + fabs(d->qvel[i])))) return 0;
+  return 1;
+}
+
+static int any(const double *x, int n) {
+  int found = 0;
+  for (int i = 0; i < n; ++i) found |= x[i] != 0;
+  return found;
+}
+
 /* Forces on the bodies but for the drives'. */
 static void see_bodies(const mjModel *m, mjData *d, int instance, Drive *e, const double *constrained) {
   for (int i = 0; i < e->nv; ++i)
     e->push[i] = d->qfrc_passive[i] - d->qfrc_bias[i] + d->qfrc_applied[i] + constrained[i];
-  for (int i = 1; i < m->nbody; ++i) {
-    const mjtNum *f = d->xfrc_applied + 6 * i;
-    if (f[0] != 0 || f[1] != 0 || f[2] != 0 || f[3] != 0 || f[4] != 0 || f[5] != 0)
-      mj_applyFT(m, d, f, f + 3, d->xipos + 3 * i, i, e->push);
+  if (any(d->xfrc_applied, 6 * m->nbody)) {
+    for (int i = 1; i < m->nbody; ++i) {
+      const mjtNum *f = d->xfrc_applied + 6 * i;
+      if (any(f, 6)) mj_applyFT(m, d, f, f + 3, d->xipos + 3 * i, i, e->push);
+    }
   }
-  for (int i = 0; i < m->nactuator; ++i) {
+  for (int i = 0; e->n < m->nactuator && i < m->nactuator; ++i) {
     if (m->actuator_plugin[i] == instance) continue;
     for (int k = m->actuator_outadr[i]; k < m->actuator_outadr[i] + m->actuator_outnum[i]; ++k)
       add_moment(d, k, d->actuator_force[k], e->push);
@@ -264,52 +307,67 @@ static void see_bodies(const mjModel *m, mjData *d, int instance, Drive *e, cons
 }
 
 /* Torques and their slopes at speeds. */
-static void ask(const mjData *d, const Drive *e, const double *states, double h, const double *v, double *tau,
+static void ask(const Drive *e, const double *states, double t, double h, const double *v, double *tau,
                 double *slope) {
-  drive_implicit(e->n / NM, v, states, e->phi, e->w, e->u, d->time, h, e->q, tau, slope);
+  drive_implicit(e->n / NM, v, states, e->phi, e->w, e->u_start, t, h, e->q, tau, slope);
 }
+
+/* The larger of a size and that of x. */
+static double larger(double size, double x) { return fabs(x) <= size ? size : fabs(x); }
 
 /* What correction x of the bodies' speeds turns the actuators by; the largest, relative to the speed. */
 static double turned(const mjData *d, const Drive *e, const double *x, double *turn) {
   double largest = 0;
   for (int k = 0; k < e->n; ++k) {
-    const double by = along(d, e->output[k], x), size = fabs(by) / (1 + fabs(e->v[k]));
-    turn[k] = by;
-    if (!(size <= largest)) largest = size;
+    turn[k] = along(d, e->output[k], x) - e->ahead[k];
+    largest = larger(largest, turn[k] / (1 + fabs(e->v[k])));
   }
   return largest;
 }
 
-/* The next correction: of what is left, along the line of torque at the speeds as they are. Its size. */
+/* A correction, of what is left, by a new matrix. Its size. */
 static double correct(const mjModel *m, const mjData *d, Drive *e, double h) {
-  assemble(m, d, e, h);
-  factorise(e);
   memcpy(e->change, e->left, e->nv * sizeof(double));
-  backward(e, e->change);
-  const double size = turned(d, e, e->change, e->turn);
+  assemble(m, d, e, h);
+  factorise(e, e->change);
+  ascend(e, e->change);
+  return turned(d, e, e->change, e->turn);
+}
+
+/* The same by the matrix of the last one. */
+static double correct_again(const mjData *d, Drive *e, const double *left, double *turn) {
+  memcpy(e->change, left, e->nv * sizeof(double));
+  descend(e, e->change);
+  ascend(e, e->change);
+  return turned(d, e, e->change, turn);
+}
+
+/* What a correction changes the torques by, along the line with these slopes. */
+static void along_line(const Drive *e, const double *slope, double *line) {
   for (int i = 0; i < e->n; i += NM) {
     for (int k = 0; k < NM; ++k) {
       double sum = 0;
-      for (int c = 0; c < NM; ++c) sum += e->slope[i * NM + c * NM + k] * e->turn[i + c];
-      e->line[i + k] = sum;
+      for (int c = 0; c < NM; ++c) sum += slope[i * NM + c * NM + k] * e->turn[i + c];
+      line[i + k] = sum;
     }
   }
-  return size;
 }
 
-/* Torques after a share of the correction, and what is left then; how far they are off the line, over the largest. */
-static double attempt(const mjData *d, Drive *e, const double *states, double share, double h) {
-  double off = 0, largest = 0;
+/* Torques after a share of the correction, the largest of them, and what is left then. How far they are off the line. */
+static double attempt(const mjData *d, Drive *e, const double *states, double share, double t, double h,
+                      double *largest) {
+  double off = 0;
   for (int k = 0; k < e->n; ++k) e->trial[k] = e->v[k] + share * e->turn[k];
-  ask(d, e, states, h, e->trial, e->trial_tau, e->trial_slope);
+  ask(e, states, t, h, e->trial, e->trial_tau, e->trial_slope);
   for (int i = 0; i < e->nv; ++i) e->next[i] = (1 - share) * e->left[i];
+  *largest = 0;
   for (int k = 0; k < e->n; ++k) {
-    const double bent = e->trial_tau[k] - e->tau[k] - share * e->line[k], size = fabs(e->trial_tau[k]);
-    add_moment(d, e->output[k], h * bent, e->next);
-    if (!(fabs(bent) <= off)) off = fabs(bent);
-    if (!(size <= largest)) largest = size;
+    e->spare[k] = e->trial_tau[k] - e->tau[k] - share * e->line[k];
+    off = larger(off, e->spare[k]);
+    *largest = larger(*largest, e->trial_tau[k]);
   }
-  return share < 1 ? 1 : off == 0 ? 0 : off / largest;
+  for (int k = 0; k < e->n; ++k) add_moment(d, e->output[k], h * e->spare[k], e->next);
+  return off;
 }
 
 static void swap(double **a, double **b) {
@@ -317,35 +375,70 @@ static void swap(double **a, double **b) {
   *a = *b, *b = c;
 }
 
-/* Torques at the speeds that they lead to. */
-static void solve(const mjModel *m, const mjData *d, Drive *e, const double *states) {
-  const double h = m->opt.timestep;
-  for (int k = 0; k < e->n; ++k) {
-    e->phi[k] = d->actuator_length[e->output[k]];
-    e->v[k] = e->w[k] = d->actuator_velocity[e->output[k]];
-    e->u[k] = d->ctrl[e->control[k]];
-  }
-  ask(d, e, states, h, e->v, e->tau, e->slope);
-  for (int k = 0; k < e->n; ++k) add_moment(d, e->output[k], e->tau[k], e->push);
+/* Whether a small correction by the matrix of the last one, whose slopes were other ones, is the last. */
+static int settles(const mjData *d, Drive *e, double largest) {
+  double off = 0;
+  if (!(correct_again(d, e, e->left, e->turn) <= SMALL)) return 0;
+  along_line(e, e->slope, e->line);
+  along_line(e, e->trial_slope, e->spare);
+  for (int k = 0; k < e->n; ++k) off = larger(off, e->line[k] - e->spare[k]);
+  return off <= STRAIGHT * largest;
+}
+
+/* The first correction, of a guess that is ahead of the speed at the start. Its size, or a negative one where the guess
+   was no better than none. */
+static double correct_guess(const mjModel *m, const mjData *d, Drive *e, const double *states, double t, double h) {
+  double guess = 0, change = 0;
+  for (int k = 0; k < e->n; ++k) e->v[k] = e->w[k] + (e->turn[k] = e->ahead[k]);
+  ask(e, states, t, h, e->v, e->tau, e->slope);
+  along_line(e, e->slope, e->line);
   for (int i = 0; i < e->nv; ++i) e->left[i] = h * e->push[i];
+  for (int k = 0; k < e->n; ++k) add_moment(d, e->output[k], h * (e->tau[k] - e->line[k]), e->left);
+  const double size = correct(m, d, e, h);
+  for (int k = 0; k < e->n; ++k) {
+    guess = larger(guess, e->ahead[k]);
+    change = larger(change, e->turn[k]);
+    e->ahead[k] = 0;
+  }
+  return size > SMALL && guess > 0 && !(change < guess) ? -1 : size;
+}
+
+/* Torques at the speeds that they lead to in a time of h from t on, from where phi and w are. The first guess is that
+   the bodies accelerate as in the last step; where that was no better than none, none. */
+static void solve(const mjModel *m, const mjData *d, Drive *e, const double *states, double t, double h) {
+  for (int k = 0; k < e->n; ++k) e->ahead[k] = h * along(d, e->output[k], d->qacc_warmstart);
+  double size = correct_guess(m, d, e, states, t, h);
+  if (size < 0) size = correct_guess(m, d, e, states, t, h);
   for (int k = 0; k < MOST; ++k) {
-    double share = 1, off;
-    const double size = correct(m, d, e, h);
-    if (size <= SMALL) { /* along the last, small correction torque is straight */
-      for (int i = 0; i < e->n; ++i) e->tau[i] += e->line[i];
-      return;
-    }
+    double share = 1, off, largest;
+    if (k > 0) size = correct(m, d, e, h);
+    along_line(e, e->slope, e->line);
+    if (size <= SMALL) break;
     for (;;) {
-      off = attempt(d, e, states, share, h);
-      if (k < PLAIN || share < 0.01) break;
-      memcpy(e->change, e->next, e->nv * sizeof(double));
-      backward(e, e->change);
-      if (turned(d, e, e->change, e->spare) < size) break;
+      off = attempt(d, e, states, share, t, h, &largest);
+      if (k < PLAIN || share < 0.01 || correct_again(d, e, e->next, e->spare) < size) break;
       share /= 2;
     }
     swap(&e->v, &e->trial), swap(&e->tau, &e->trial_tau), swap(&e->slope, &e->trial_slope), swap(&e->left, &e->next);
-    if (off <= STRAIGHT) return;
+    if (share == 1 && off <= STRAIGHT * largest) return;
+    if (settles(d, e, largest)) break;
   }
+  for (int i = 0; i < e->n; ++i) /* along the last, small correction torque is straight */
+    e->tau[i] += e->line[i], e->v[i] += e->turn[i];
+}
+
+/* Mean torques over a step of order two. */
+static void solve_twice(const mjModel *m, const mjData *d, Drive *e, const double *states) {
+  const double first = (1 - GAMMA) * m->opt.timestep, h = GAMMA * m->opt.timestep;
+  solve(m, d, e, states, e->time, h);
+  memcpy(e->mean, e->tau, e->n * sizeof(double));
+  drive_follow(e->n / NM, e->v, states, first, e->q, e->after);
+  for (int k = 0; k < e->n; ++k) {
+    e->phi[k] += first * e->v[k];
+    e->w[k] += (1 - GAMMA) / GAMMA * (e->v[k] - e->w[k]);
+  }
+  solve(m, d, e, e->after, e->time + first, h);
+  for (int k = 0; k < e->n; ++k) e->tau[k] = (1 - GAMMA) * e->mean[k] + GAMMA * e->tau[k];
 }
 
 static void compute(const mjModel *m, mjData *d, int instance, int capability) {
@@ -353,21 +446,31 @@ static void compute(const mjModel *m, mjData *d, int instance, int capability) {
   const double *states = d->plugin_state + m->plugin_stateadr[instance];
   (void)capability;
   if (!fits(d, e) && !arrange(m, d, e)) mju_error("%s: no memory", DRIVE_NAME);
+  if (!later(m, d, e)) begin(m, d, e);
+  memcpy(e->phi, e->phi_start, e->n * sizeof(double));
+  memcpy(e->w, e->w_start, e->n * sizeof(double));
   see_bodies(m, d, instance, e, states + e->n / NM * NX);
-  solve(m, d, e, states);
+  if (m->opt.integrator == mjINT_RK4) solve_twice(m, d, e, states);
+  else solve(m, d, e, states, e->time, m->opt.timestep);
   for (int k = 0; k < e->n; ++k) d->actuator_force[e->output[k]] = e->tau[k];
 }
 
 /* Friction states follow what the step moved; what the constraints did is kept for the next. */
 static void advance(const mjModel *m, mjData *d, int instance) {
-  const Drive *e = (const Drive *)d->plugin_data[instance];
+  Drive *e = (Drive *)d->plugin_data[instance];
   const int drives = e->n / NM;
+  const double *speed = d->qvel; /* over the step, of the integrators of order one */
   double *states = d->plugin_state + m->plugin_stateadr[instance], *constrained = states + drives * NX;
-  for (int k = 0; k < e->n; ++k) e->v[k] = along(d, e->output[k], d->qvel);
+  if (m->opt.integrator == mjINT_RK4 && e->begun) {
+    mj_differentiatePos(m, e->change, m->opt.timestep, e->qpos, d->qpos);
+    speed = e->change;
+  }
+  for (int k = 0; k < e->n; ++k) e->v[k] = along(d, e->output[k], speed);
   drive_follow(drives, e->v, states, m->opt.timestep, e->q, e->after);
   memcpy(states, e->after, (size_t)drives * NX * sizeof(double));
   if (d->nefc) memcpy(constrained, d->qfrc_constraint, e->nv * sizeof(double));
   else memset(constrained, 0, e->nv * sizeof(double));
+  e->begun = 0;
 }
 
 mjPLUGIN_LIB_INIT(DRIVE) {

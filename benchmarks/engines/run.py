@@ -176,14 +176,17 @@ def plugin(study, model, own, folder):
 
 
 def swing():
-    """The XL330 in MuJoCo and as the FMU steps it, in closed loop on its 16 logged goals; largest difference [rad]."""
+    """The XL330 in MuJoCo and as the FMU steps it, in closed loop on its 16 logged goals; largest difference [rad].
+
+    With RK4, as exported, the plugin steps as the FMU does; the other integrators of MuJoCo move angles by order one.
+    """
     study, model, known, own, _ = servo()
     folder = SERVO.parents[3] / "shared" / "data" / "bam_xl330"
     d, found = dynamics(model), {}
     step = d.step
     with tempfile.TemporaryDirectory() as temporary:
         mujoco, text = plugin(study, model, own, temporary)
-        for h in (1e-3, 2e-4, 1e-4):  # the plugin is implicit, MuJoCo's own step of order one: it shrinks with h
+        for integrator, h in (("RK4", 1e-3), ("RK4", 2e-3), ("IMPLICITFAST", 1e-3), ("IMPLICITFAST", 1e-4)):
             worst = {}
             for path in sorted(folder.glob("*.json")):
                 log = json.loads(path.read_text())
@@ -194,6 +197,7 @@ def swing():
                 gain = log["kp"] / 100.0  # V/rad times the supply, of the order of the firmware's
                 theirs = mujoco.MjModel.from_xml_string(text)
                 theirs.opt.timestep = h
+                theirs.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
                 data, q = mujoco.MjData(theirs), np.array(d.prepare([known[n] for n in d.parameters])).ravel()
                 x, z = np.zeros(len(d.states)), np.zeros(len(d.algebraic))
                 at = d.states.index(d.start["motor.phi"])
@@ -207,7 +211,8 @@ def swing():
                     assert error[0] <= 1
                     off = max(off, abs(x[at] - data.qpos[0]))
                 worst[path.stem] = off
-            found[f"step {h:g} s"] = {"worst": max(worst.values()), "median": float(np.median(list(worst.values())))}
+            found[f"{integrator}, step {h:g} s"] = {"worst": max(worst.values()),
+                                                    "median": float(np.median(list(worst.values())))}
     return found
 
 
@@ -217,9 +222,10 @@ def rest():
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         mujoco, text = plugin(study, model, own, folder)
-        for h in (1e-3, 2e-3):
+        for integrator, h in (("RK4", 1e-3), ("RK4", 2e-3), ("IMPLICITFAST", 1e-3), ("IMPLICITFAST", 2e-3)):
             theirs = mujoco.MjModel.from_xml_string(text)
             theirs.opt.timestep = h
+            theirs.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
             data, breakaway = mujoco.MjData(theirs), 0.0
             trial = copy.copy(data)
             while abs(trial.plugin_state[0]) < 0.99:
@@ -230,44 +236,59 @@ def rest():
             mujoco.mj_step(theirs, data, 1000)
             at = data.qpos[0]
             mujoco.mj_step(theirs, data, int(60 / h))
-            found[f"step {h:g} s"] = {"creep": float(abs(data.qpos[0] - at)), "breakaway": breakaway}
+            found[f"{integrator}, step {h:g} s"] = {"creep": float(abs(data.qpos[0] - at)), "breakaway": breakaway}
     return found
 
 
-def cost(rounds=15):
-    """Time of mj_step of a robot of 12 joints at 1 ms [us], least of many rounds taken in turn."""
+def cost(rounds=100, steps_=200):
+    """Time of mj_step of a robot of 12 joints at 1 ms [us] with the plugin, with motors, with MuJoCo's own friction.
+
+    The motors play back the torques that the plugin gave: the same motion, bit for bit, so that the difference is what
+    the plugin costs. Called from Python a step at a time (median over the steps), and in a loop in C (`rollout`); the
+    least of many rounds taken in turn, each from the pose in which friction holds the robot, standing or hanging.
+    """
     study, model, _, own = machine("ServoPendulum")
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         mujoco, _ = plugin(study, model, own, folder)
+        from mujoco import rollout
         for base in (True, False):
             robots = {"plugin": four_legs(study.name, base), "motors": four_legs("", base),
                       "frictionloss": four_legs("", base, 'frictionloss="0.045" damping="0.0045"')}
             made = {k: mujoco.MjModel.from_xml_string(t) for k, t in robots.items()}
-            data, least = {k: mujoco.MjData(m) for k, m in made.items()}, dict.fromkeys(made, np.inf)
+            data = {k: mujoco.MjData(m) for k, m in made.items()}
             mujoco.mj_step(made["plugin"], data["plugin"], 2000)
-            settled, size = data["plugin"].qpos.copy(), data["plugin"].qvel.copy()
-            for _ in range(rounds):
-                for k, m in made.items():  # all from the pose in which friction holds the robot, standing or hanging
-                    mujoco.mj_resetData(m, data[k])
-                    data[k].qpos[:], data[k].qvel[:] = settled, 0 * size
-                    mujoco.mj_step(m, data[k], 20)
+            settled, forces = data["plugin"].qpos.copy(), np.zeros((steps_, 12))
+            one, loop = dict.fromkeys(made, np.inf), dict.fromkeys(made, np.inf)
+            for k in ["plugin", *[*made] * rounds]:
+                m, d = made[k], data[k]
+                mujoco.mj_resetData(m, d)
+                d.qpos[:] = settled
+                state = np.empty(mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+                mujoco.mj_getState(m, d, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+                commands, took = forces if k == "motors" else np.zeros_like(forces), np.empty(steps_)
+                for i in range(steps_):
+                    d.ctrl[:] = commands[i]
                     start = time.perf_counter()
-                    mujoco.mj_step(m, data[k], 100)
-                    least[k] = min(least[k], (time.perf_counter() - start) / 100 * 1e6)
-            alone = {}
-            for k in ("plugin", "motors"):
-                each = []
-                for _ in range(300):
-                    start = time.perf_counter()
-                    mujoco.mj_fwdActuation(made[k], data[k])
-                    each.append(time.perf_counter() - start)
-                alone[k] = np.min(each) * 1e6
-            found["standing" if base else "hanging"] = {
-                **{f"mj_step {k} [us]": v for k, v in least.items()},
-                "plugin's part [us]": alone["plugin"] - alone["motors"],
-                "over mj_step with motors": (alone["plugin"] - alone["motors"]) / least["motors"],
-                "over mj_step with frictionloss": (alone["plugin"] - alone["motors"]) / least["frictionloss"]}
+                    mujoco.mj_step(m, d)
+                    took[i] = time.perf_counter() - start
+                    if k == "plugin":
+                        forces[i] = d.actuator_force
+                one[k] = min(one[k], np.median(took) * 1e6)
+                end = d.qpos.copy()
+                start = time.perf_counter()
+                rollout.rollout(m, d, state, commands[None], nstep=steps_)
+                loop[k] = min(loop[k], (time.perf_counter() - start) / steps_ * 1e6)
+                if k == "plugin":
+                    there = end
+                assert k != "motors" or (end == there).all()
+            for way, least in (("a step at a time", one), ("in a loop in C", loop)):
+                part = least["plugin"] - least["motors"]
+                found[f"{'standing' if base else 'hanging'}, {way}"] = {
+                    **{f"mj_step {k} [us]": float(v) for k, v in least.items()}, "plugin [us]": float(part),
+                    "over mj_step": float(part / least["plugin"]),
+                    "over mj_step with motors": float(part / least["motors"]),
+                    "more than with frictionloss": float(least["plugin"] / least["frictionloss"] - 1)}
     return found
 
 

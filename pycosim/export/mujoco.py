@@ -22,6 +22,8 @@ from .links import Links
 
 _FAST = (20.0, 40.0)  # rad/s; speeds where what friction does at low speed is over
 _ANYWHERE = 1e3  # rad; an end of a range that is not limited
+_ORDER_ONE = "implicitfast"  # damping of tendons is implicit in it
+_ORDER_TWO = "RK4"  # with it the plugin steps as the FMU does, of order two; the others move angles by order one
 _LEAST = 1e-12  # kg.m2; MuJoCo refuses links without inertia
 _ALWAYS = (
     "Sticking: MuJoCo softens friction, so a loaded joint creeps slowly; the model's friction state, its elastic "
@@ -57,7 +59,7 @@ def to_mjcf(plant, plugin=None):
     missing = machine.heavier() if plugin else [*machine.missing(), *machine.heavier(), *_ALWAYS]
     root.append(xml.Comment(_comment(plant, missing)))
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
-    xml.SubElement(root, "option", timestep="0.001", integrator="implicitfast",
+    xml.SubElement(root, "option", timestep="0.001", integrator=_ORDER_TWO if plugin else _ORDER_ONE,
                    gravity=_numbers(machine.gravity()))
     if plugin:
         used = xml.SubElement(xml.SubElement(root, "extension"), "plugin", plugin=plugin[0])
