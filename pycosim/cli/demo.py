@@ -26,7 +26,8 @@ MACHINE = {  # Nobili et al., identified friction of the hip-knee actuation; f0 
 RIGID = {f"s{p}.travel": 1e-4 for p in ("1A", "2A", "1B", "2B")}  # rad; a quarter of the encoder's step
 LONGEST = 2.0  # of a pass [s]
 FILES = ("run.csv", "study.toml", "machine.toml", "scenario.toml", "hidden.json", "comparison.json", "diagnosis.json",
-         "diagnosis_final.json", "ladder.json", "parameters.json", "improved.toml", "model.mo", "report.html")
+         "diagnosis_final.json", "ladder.json", "parameters.json", "consequence.json",
+         "improved.toml", "model.mo", "report.html")
 
 MACHINE_FILE = """\
 # The machine that made run.csv: the rig of the study, with an effect that the study does not have.

@@ -58,9 +58,9 @@ WRITES = {
     "compare": ("comparison.json",), "identify": ("parameters.json",), "diagnose": ("diagnosis.json",),
     "add": ("study.toml", "parameters.json", "comparison.json"),
     "improve": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
-                "study.toml", "model.mo", "report.html"),
+                "consequence.json", "study.toml", "model.mo", "report.html"),
     "report": ("diagnosis.json", "diagnosis_final.json", "ladder.json", "parameters.json", "comparison.json",
-               "study.toml", "model.mo", "report.html"),
+               "consequence.json", "study.toml", "model.mo", "report.html"),
     "plan": ("plan.json", "plan.csv"), "confirm": ("confirmation.json",),
     "export": ("export.json",), "cosim": ("cosim.json", "run.csv", "checkpoint.zip"),
 }

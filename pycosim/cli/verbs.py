@@ -145,7 +145,7 @@ def _improve(run, arguments):
     found.save(run.folder.file("study.toml"))
     run.draw("write_figures", found.found)
     found.report(run.folder.file("report.html"), run.folder.file("data") if run.verb == "report" else None)
-    run.lines += found.sentences + found.final.sentences
+    run.lines += [*found.sentences, *found.changes, *found.final.sentences]
 
 
 def _export(run, arguments):

@@ -18,7 +18,7 @@ from .filters import recorded
 from .states import propagate
 from .stepping import GAP, TOLERANCE, System, gap, in_parts, steps
 
-__all__ = ["Dynamics", "compensate", "dynamics", "estimate", "propagate", "simulate", "step_function"]
+__all__ = ["Dynamics", "answer", "compensate", "dynamics", "estimate", "propagate", "simulate", "step_function"]
 
 _CHUNK = 500  # steps at a time
 _LITTLE = 4    # steps at a time after one that had to be made in parts; then twice as many again and again
@@ -269,7 +269,7 @@ def estimate(model, signals, time, parameters=None, form=0):
     DataError
         A known variable is missing, or has another length.
     """
-    return _answer(model, "estimate", form, signals, time, parameters)
+    return answer(model, "estimate", signals, time, parameters, form)
 
 
 def compensate(model, signals, time, parameters=None, form=0):
@@ -302,10 +302,29 @@ def compensate(model, signals, time, parameters=None, form=0):
     DataError
         A known variable is missing, or has another length.
     """
-    return _answer(model, "compensate", form, signals, time, parameters)
+    return answer(model, "compensate", signals, time, parameters, form)
 
 
-def _answer(model, name, form, signals, time, parameters):
+def answer(model, name, signals, time, parameters=None, form=0):
+    """What a rig's annotation asks for under a name, as `estimate` and `compensate` do under theirs.
+
+    Parameters
+    ----------
+    model : pycosim.compile.Model
+    name : str
+        Key of the annotation, as ``gravity_model``.
+    signals, time, parameters, form
+        As of `estimate`.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+
+    Raises
+    ------
+    StudyError, UnknownNameError, DataError
+        As of `estimate`.
+    """
     question = model.question(name, form)
     time = _times(time)
     values = _parameters(model, parameters)

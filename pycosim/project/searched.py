@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ..core.errors import StudyError
-from ..report import plots, records, sentences
+from ..report import controller, plots, records, sentences
 from ..report.page import write_numbers, write_report
 from .diagnosed import Diagnosis
 from .fitted import Fitted
@@ -131,6 +131,21 @@ class Search(Shown):
         """
         return dict(self._path)
 
+    @property
+    def consequence(self) -> dict[str, Any]:
+        """What was found changes for a controller: torque left to its feedback, tracking error and heat.
+
+        Returns
+        -------
+        dict
+            As ``consequence.json`` has it; see `pycosim.report.controller.changes`.
+        """
+        first, last = self.found.steps[0], self.found.steps[-1]
+        self.project.say("simulating a controller with the improved model")
+        made: dict[str, Any] = controller.changes(self.project.dataset, (first.model, first.fit),
+                                                  (last.model, last.fit))
+        return made
+
     def files(self) -> dict[str, Any]:
         """What ``pycosim improve`` writes: records and texts by file name.
 
@@ -141,7 +156,7 @@ class Search(Shown):
         found = {"diagnosis.json": self.first.to_dict(), "diagnosis_final.json": self.last.to_dict(),
                  "ladder.json": self.to_dict(), "parameters.json": self.final.to_dict(),
                  "comparison.json": self.final.compare().record,
-                 "model.mo": str(self.found.model.text).rstrip("\n") + "\n"}
+                 "consequence.json": self.consequence, "model.mo": str(self.found.model.text).rstrip("\n") + "\n"}
         return found | ({"guess.mo": self.last.guess} if self.last.guess else {})
 
     @property
@@ -149,6 +164,11 @@ class Search(Shown):
         """The whole story, in words."""
         return sentences.summary_improvement(self.first.to_dict(), self.last.to_dict(), self._path,
                                              self.final.to_dict(), self.project.library)
+
+    @property
+    def changes(self) -> list[str]:
+        """What was found changes for a controller, in words; empty where that is nothing."""
+        return controller.summary(self.consequence)
 
     def _headline(self) -> str:
         before, after = self.steps[0].error, self.steps[-1].error

@@ -1,19 +1,16 @@
-"""A data set and two models in; how large an effect is, and what it changes for who uses the model, out."""
+"""A data set and two models in; how large an effect is, beside what is rated, out."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..compile import find_effect
-from ..core.errors import DataError, StudyError
 from ..diagnosis.compare import unit_of
-from ..dynamics.simulate import compensate
 from . import values
 from .schematic import component_of, upstream
 
 PEAK = 0.99  # quantile of an effect's size over the moving samples that counts as its largest: one outlier is none
 CLEAR = 1e-2  # of the mean drive of a sample, below which an effect's torque cannot be read off the residual
-CHANGED = 0.02  # change of the feedforward's error, below which an effect is none of a controller's business
 
 
 def size(dataset, before, after, key):
@@ -126,64 +123,6 @@ def errors_of_rated(dataset, error):
     """
     limits = {c: rated(dataset, c.removesuffix("_pair")) for c in error}
     return {c: (error[c] / limit[0], limit[1]) for c, limit in limits.items() if limit and error[c] is not None}
-
-
-def feedforward(dataset, first, last):
-    """What a controller that feeds a model forward leaves to its feedback, and how far off the predicted heat is.
-
-    Each model says which motor torques the motion and the joint torques of the log need; the motors gave others.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    first, last : (Model, Fit)
-        As given, and improved.
-
-    Returns
-    -------
-    dict of str to dict
-        By motor torque: ``unit``, ``rated`` (of `rated`), ``told`` (it is a channel, and compared already), ``error``
-        and ``heat`` (relative error of the mean square, to which the heat in a winding is in proportion), each before
-        and after, over held-out moving samples where there are any; empty where the rig or the log cannot answer, or
-        the effects change nothing of it.
-    """
-    answers = [_needed(dataset, *m) for m in (first, last)]
-    if not all(answers):
-        return {}
-    held = dataset.moving & (dataset.block >= 0) & dataset.is_test[dataset.block] if dataset.is_test.any() else \
-        dataset.moving
-    found = {}
-    for name in answers[0]:
-        given = dataset.measured[name][held]
-        if unit_of(dataset, name) != dataset.base.along("N.m"):
-            continue  # a voltage: its square is no heat
-        error = [float(np.sqrt(np.mean((a[name][held] - given) ** 2))) for a in answers]
-        heat = [float(np.mean(a[name][held] ** 2) / np.mean(given ** 2) - 1) for a in answers]
-        if np.isfinite([*error, *heat]).all() and abs(error[1] - error[0]) > CHANGED * error[0]:
-            found[name] = {"unit": unit_of(dataset, name), "rated": rated(dataset, name), "error": error, "heat": heat,
-                           "told": name in dataset.channels}
-    return found
-
-
-def _needed(dataset, model, fit):
-    """Motor torques that a model says the log's motion and joint torques need; None where it cannot say."""
-    if dataset.averaged or not model.notes.get("compensate"):
-        return None
-    asked, _ = model.alternatives("compensate")[0]
-    known = {**dataset.measured, **dataset.signals}
-    question = model.question("compensate")
-    given = {n: known[n] for n in question.inputs if n in known and n != "time"}
-    if any(n not in dataset.measured for n in asked):
-        return None
-    if all(n in dataset.channels for n in asked):
-        return values.outputs(dataset, model, fit)
-    try:
-        parts = [compensate(model, {n: v[dataset.run == k] for n, v in given.items()}, dataset.time[dataset.run == k],
-                            {n: fit.parameters[n] for n in model.parameters if n in fit.parameters})
-                 for k in np.unique(dataset.run)]
-    except (DataError, StudyError):
-        return None
-    return {n: np.concatenate([p[n] for p in parts]) for n in asked}
 
 
 def words_of_effect(library, effect):

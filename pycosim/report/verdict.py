@@ -11,11 +11,10 @@ import math
 from ..compile import Place, component_name, find_effect
 from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
-from . import cards, consequence, findings, schematic, sentences
+from . import cards, consequence, controller, findings, schematic, sentences
 
 SURE = ((1e-3, "As sure as this test can be"), (1e-2, "Very likely"), (0.05, "Likely"))  # largest p-value, in words
 MOST = 5  # experiments that are listed
-COOL = 1e-3  # error of a predicted heat that is none
 UNSEEN = 1e-6  # of what is rated, below which an effect acts only while samples do not move, as presliding
 HIDING = 3  # effects that could still hide, in the card
 
@@ -54,12 +53,13 @@ class Verdict:
         rows = [("What is missing", [], self._effects()) if several else ("What is missing", self._what()),
                 ("How large", [] if several else self._large()), ("How sure", [] if several else self._sure()),
                 ("Error before and after" if self.added else "Error", self._error(), self._errors()),
-                ("What else it could be", self._else()), ("What it changes", self._changes()),
+                ("What else it could be", self._else()), ("What it changes", *self._changes()),
                 ("What is left" if self.added else "What could still hide", self._left()),
                 ("Next experiment", self.experiments()[:1])]
         return {"verdict": self.first["verdict"], "title": self.title(), "findings": self._findings(),
                 "drawing": schematic.figure(self.steps[0].model, **self._marks()),
-                "rows": [(name, lines, table[0] if table else None) for name, lines, *table in rows if lines or table]}
+                "rows": [(name, lines, table[0] if table else None) for name, lines, *table in rows
+                         if lines or any(table)]}
 
     def _findings(self):
         """What the data check found: whether it stops a search, sentence, and the line that mends it, once."""
@@ -197,28 +197,18 @@ class Verdict:
         return [t for t in twins if (t["effect"], t["place"]) not in added]
 
     def _changes(self):
-        first, last = self.steps[0], self.steps[-1]
+        """What the effects change for a controller: how the numbers came about, and their table."""
         if not self.added:
-            return []
-        found = consequence.feedforward(self.dataset, (first.model, first.fit), (last.model, last.fit))
-        lines = []
-        for name, f in found.items():
-            before, after = f["error"]
-            column = consequence.logged(self.dataset, name)
-            if f["told"]:
-                text = (f"The error of {name} above is what a controller that feeds the model forward leaves to its "
-                        "feedback, and its tracking error shrinks as that does")
-            else:
-                text = (f"A controller that feeds the model forward leaves {number(before)} → {number(after)} "
-                        f"{f['unit']} RMS of {column} to its feedback, and its tracking error shrinks as that does")
-                if f["rated"]:
-                    top, what = f["rated"]
-                    text += f" ({100 * before / top:.2g} → {100 * after / top:.2g} % of {what})"
-            heat = [f"{100 * abs(h):.2g} % too {'high' if h > 0 else 'low'}" if abs(h) >= COOL else
-                    f"right to {100 * COOL:g} %" for h in f["heat"]]
-            lines.append(f"{text}. The heat in the winding that it predicts for this motion was {heat[0]}, "
-                         f"and is {heat[1]}.")
-        return lines
+            return [], None
+        found = self._controller()
+        rows = controller.table(self.dataset, found)
+        table = {"caption": "A controller that works its torque out ahead, without and with what was added",
+                 "header": ("", "before", "after", "change"), "rows": rows} if rows else None
+        return controller.told(self.dataset, found), table
+
+    def _controller(self):
+        first, last = self.steps[0], self.steps[-1]
+        return controller.changes(self.dataset, (first.model, first.fit), (last.model, last.fit))
 
     def _left(self):
         verdict, lines = self.last["verdict"], []

@@ -15,7 +15,7 @@ from pycosim.cli import demo
 from pycosim.data.checks.finding import Checked, Finding
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis.search import Improvement
-from pycosim.report import charts, consequence, values
+from pycosim.report import charts, consequence, controller, values
 from pycosim.report.page import SECTIONS, Page, write_numbers, write_report
 
 
@@ -154,6 +154,12 @@ def rows(page):
     return {name: " ".join(lines) for name, lines, _ in page.verdict.card()["rows"]}
 
 
+def numbers_of(page, heading):
+    """Table of a row of the verdict: what it is about to the cells beside it."""
+    table = next(t for name, _, t in page.verdict.card()["rows"] if name == heading)
+    return {what: cells for what, *cells in table["rows"]}
+
+
 def test_the_verdict_says_what_where_how_large_how_sure_and_what_comes_next(found):
     dataset, improvement, path, _ = found
     page = Page(dataset, improvement, "x")
@@ -163,7 +169,12 @@ def test_the_verdict_says_what_where_how_large_how_sure_and_what_comes_next(foun
                           "What else it could be", "What it changes", "What is left", "Next experiment"]
     assert "At 2A: loss that falls" in told["What is missing"] and "fs = 0.0" in told["What is missing"]
     assert "among all" in told["How sure"] and "p ≤ 0.001" in told["How sure"]
-    assert "tau2" in told["What it changes"] and "heat" in told["What it changes"]
+    changes = numbers_of(page, "What it changes")
+    before, after, change = next(cells for what, cells in changes.items() if what.startswith("tracking error of q_H"))
+    assert float(after) < 0.1 * float(before) and change.startswith("\u2212") and "mrad" in " ".join(changes)
+    assert any(what.startswith("tau2 left to the feedback") for what in changes)
+    assert any(what.startswith("heat") for what in changes)
+    assert "with the improved model as the machine" in told["What it changes"]
     text = path.read_text()
     assert text.index("The model lacks stribeck at 2A") < text.index("<nav") < text.index('id="checked"')
 
@@ -196,10 +207,23 @@ def test_what_is_rated_is_the_studys_limit_where_it_has_one(found):
 
 def test_a_controllers_feedforward_is_better_with_the_effect(found):
     dataset, improvement, _, _ = found
-    told = consequence.feedforward(dataset, *((s.model, s.fit) for s in improvement.steps))["motor2.tau"]
+    told = controller.feedforward(dataset, *((s.model, s.fit) for s in improvement.steps))["motor2.tau"]
     assert told["error"][1] < 0.8 * told["error"][0] and abs(told["heat"][1]) < abs(told["heat"][0])
     same = [(s.model, s.fit) for s in (improvement.steps[0], improvement.steps[0])]
-    assert consequence.feedforward(dataset, *same) == {}
+    assert controller.feedforward(dataset, *same) == {}
+
+
+def test_a_simulated_controller_tracks_better_with_the_effect_and_says_where_it_cannot_be(found):
+    dataset, improvement, _, _ = found
+    first, last = ((s.model, s.fit) for s in improvement.steps)
+    told = controller.closed_loop(dataset, first, last)
+    for e in told["tracking_error"].values():
+        assert e["rms"][1] < 0.1 * e["rms"][0] < 0.1 * e["largest"][0]
+    assert told["to"] - told["from"] <= controller.STRETCH and set(told["gains"]) == {"motor1", "motor2"}
+    for h in told["heat"].values():  # the motors give what the motion needs, whatever was worked out ahead
+        assert h["given"][0] == pytest.approx(h["given"][1], rel=0.05) and h["given"][1] > 0
+    same = controller.changes(dataset, first, first)
+    assert same["closed_loop"] is None and same["why_not"] == "nothing was added"
 
 
 def test_findings_of_the_data_check_come_first_and_their_mend_once(found):
