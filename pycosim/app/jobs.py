@@ -24,11 +24,14 @@ class Job:
     text : str
         The present stage.
     cancelled : bool
+    known : list of str
+        Partial answers so far.
     """
 
     def __init__(self, place="", stages=()):
         self.place, self.stages = place, tuple(stages)
         self.text, self.cancelled, self.began, self._at = "starting", False, time.monotonic(), -1
+        self.known = []
 
     def __call__(self, text):
         if self.cancelled:
@@ -36,6 +39,15 @@ class Job:
         self.text = text
         found = [k for k, stage in enumerate(self.stages) if k >= self._at and text.startswith(stage)]
         self._at = found[0] if found else self._at
+
+    def early(self, text):
+        """Take a partial answer.
+
+        Parameters
+        ----------
+        text : str
+        """
+        self.known = [*self.known, text]
 
     @property
     def told(self):

@@ -56,6 +56,8 @@ class Page:
         self._header()
         with ui.column().classes("w-full max-w-screen-xl mx-auto p-4 items-stretch"):
             self.stages = ui.label().classes("text-sm").props("data-stages")
+            self.known = ui.label().classes("font-bold").props("data-known role=status aria-live=polite").style(
+                "white-space: pre-line")
             self.summary()
             with ui.tabs().props('aria-label="Steps" mobile-arrows outside-arrows') as tabs:
                 names = [ui.tab(n) for n in ("Data", "Comparison", "Effects", "Parameters", "Plan", "Report", "Export")]
@@ -115,6 +117,9 @@ class Page:
         self.stages.text = "" if job is None else "; ".join(
             f"{word}: {', '.join(texts)}" for word, texts in (("Done", job.done), ("now", (job.text,)),
                                                               ("left", job.left)) if texts)
+        known = "" if job is None else "\n".join(job.known)
+        if self.known.text != known:
+            self.known.text = known
         parts = [k for k in changed if changed[k] != self.seen[k]]
         self.seen = changed
         if "steps" in parts:
@@ -379,7 +384,7 @@ class Page:
         app.add_static_files(RESULTS, bench.folder)
         ui.link("Open the report", f"{RESULTS}/{bench.report.name}", new_tab=True).classes("text-lg").style(
             "color: inherit")
-        for line in bench.searched.sentences:
+        for line in [*bench.searched.sentences, *bench.searched.changes]:
             ui.label(line)
 
     @ui.refreshable_method

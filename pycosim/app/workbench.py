@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..compile import Library
+from ..core.early import tell_early
 from ..core.errors import PycosimError, StudyError
 from ..project import open_project
 from ..report import values
@@ -21,6 +22,21 @@ FEW = 200  # samples below which a region says nothing
 
 class Given(PycosimError):
     """What was asked for cannot be done in this state."""
+
+
+class _Relay:
+    """Passes stages and partial answers on to whoever waits for the present work."""
+
+    def __init__(self):
+        self.listener = None
+
+    def __call__(self, text):
+        if self.listener is not None:
+            self.listener(text)
+
+    def early(self, text):
+        """Pass a partial answer on."""
+        tell_early(self.listener, text)
 
 
 class Workbench:
@@ -50,12 +66,7 @@ class Workbench:
         self.folder = Path(folder).absolute()
         self.project, self.fits, self.diagnosed = None, [], None
         self.searched = self.report = self.planned = None
-        self._library, self._listener = Library(), None
-
-    def _say(self, text):
-        """Tell whoever waits for the present work."""
-        if self._listener is not None:
-            self._listener(text)
+        self._library, self._say = Library(), _Relay()
 
     # ---- what the page shows
 
@@ -123,7 +134,7 @@ class Workbench:
         self._take(study, None, progress)
 
     def _take(self, study, data, progress):
-        self._listener = progress
+        self._say.listener = progress
         project = open_project(study, data, self._say)
         project.check()
         fitted = project.fit()
@@ -174,7 +185,7 @@ class Workbench:
         ------
         PycosimError
         """
-        fitted, self._listener = self.fitted, progress
+        fitted, self._say.listener = self.fitted, progress
         found = fitted.diagnose()
         if self.fitted is fitted:
             self.diagnosed = replace(found, final=len(self.fits) > 1)
@@ -192,7 +203,7 @@ class Workbench:
         PycosimError
             The effect is there already, or cannot be fitted.
         """
-        fitted, self._listener = self.fitted, progress
+        fitted, self._say.listener = self.fitted, progress
         added = fitted.add(f"{effect}@{place}")
         self._say("done")
         if self.fitted is fitted:
@@ -269,7 +280,7 @@ class Workbench:
         ------
         PycosimError
         """
-        project, self._listener = self.fitted.project, progress
+        project, self._say.listener = self.fitted.project, progress
         found = project.improve()
         self.make()
         report = found.report(self.folder / "report.html")
@@ -294,7 +305,7 @@ class Workbench:
         PycosimError
             The limits leave no experiment, or nothing can be learnt.
         """
-        fitted, self._listener = self.fitted, progress
+        fitted, self._say.listener = self.fitted, progress
         planned = fitted.plan(goal, budget)
         self._say("done")
         if self.fitted is fitted:
@@ -348,7 +359,7 @@ class Workbench:
         ------
         PycosimError
         """
-        self._listener = progress
+        self._say.listener = progress
         self.make()
         self._say("building the FMU")
         made = self.fitted.export(self.folder / "fmu", "fmu", fmi)

@@ -30,6 +30,16 @@ class Progress:
         if self.shown:
             print(_CLEAR, end="", file=sys.stderr, flush=True)
 
+    def early(self, text):
+        """Leave a partial answer on a line of its own.
+
+        Parameters
+        ----------
+        text : str
+        """
+        if self.shown:
+            print(f"{_CLEAR}{text} ({time.monotonic() - self.start:.0f} s)", file=sys.stderr, flush=True)
+
     def __call__(self, text):
         if self.shown:
             line = f"{text} ({time.monotonic() - self.start:.0f} s)"

@@ -230,7 +230,7 @@ class Model:
                 raise UnknownNameError(f"no effect '{effect}'{closest(effect, effects)}")
             self.attached.append((effects[effect], find_place(library, rig, effects[effect], place)))
         self.notes = annotation(library, rig)
-        self._questions = {}
+        self._questions, self._carriers = {}, {}
         self.text = extend(rig, self.attached, given=components_of(library, rig))
         if probes:
             self.text = _with_probes(self)
@@ -332,13 +332,12 @@ class Model:
         -------
         list of str
         """
-        found = []
-        for component, (kind, _) in components_of(self.library, self.rig).items():
-            if (kind not in ("Real", "Integer", "Boolean") and not is_connector(self.library, kind)
-                    and not is_effect(self.library, kind)):
-                if connector in components_of(self.library, kind):
-                    found.append(component)
-        return found
+        if connector not in self._carriers:  # asked for a thousand times in a search
+            self._carriers[connector] = [
+                component for component, (kind, _) in components_of(self.library, self.rig).items()
+                if kind not in ("Real", "Integer", "Boolean") and not is_connector(self.library, kind)
+                and not is_effect(self.library, kind) and connector in components_of(self.library, kind)]
+        return list(self._carriers[connector])
 
     def probe(self, component, connector):
         """Name of the probe at a port; the first port of a component gives the plain name.

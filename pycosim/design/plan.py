@@ -19,6 +19,7 @@ from .prediction import expected, predicted_fit, signals_of
 from .workspace import Workspace, kinematics, limits_of
 
 ASSUMED = 0.01  # noise over the range of a channel, where nothing was measured
+NOTHING = "nothing"  # the rival of an effect that is to be seen at all
 ALIKE = 0.1  # squares of the noise below which rivals are one and the same
 SEPARATE = 10.8  # squares of the noise by which rivals must differ: the better one is the true one in 99.9 %
 PATIENCE = 40.0  # s that the optimiser may take: a minute with all the rest, for an experiment of minutes
@@ -247,7 +248,7 @@ def hidden_of(k, wanted):
         for c in dict.fromkeys((*effect.size, *effect.scan)):
             v = larger.parameters[f"{base}.{c}"]
             sized[v.name] = v.value + (v.nominal if v.value + v.nominal <= v.max else -v.nominal)
-        found.append(Block(larger, k.free, values, k.prior, (larger, sized), (f"{name}@{place}", "nothing")))
+        found.append(Block(larger, k.free, values, k.prior, (larger, sized), (f"{name}@{place}", NOTHING)))
     return found
 
 

@@ -40,6 +40,8 @@ class Kinematics:
         Joint angles at motor angles zero [rad].
     speed : ndarray, shape (segments, motors)
         Speed of each segment relative to its support, a unit of motor speed [1].
+    places : dict of str to str
+        What each segment is called: component to place.
     """
 
     motors: list
@@ -48,6 +50,7 @@ class Kinematics:
     joint: np.ndarray
     zero: np.ndarray
     speed: np.ndarray
+    places: dict
 
     def angles(self, motors):
         """Joint angles of motor angles.
@@ -106,7 +109,7 @@ def kinematics(model, values=None):
     n = len(joints)
     moving = np.any(np.abs(slope[:n, ::2]) > 0, axis=1)
     return Kinematics(motors, [j for j, m in zip(joints, moving) if m], segments, slope[:n, ::2][moving],
-                      rest[:n][moving], slope[n:, 1::2])
+                      rest[:n][moving], slope[n:, 1::2], dict(model.segments))
 
 
 # --- limits ---------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ import numpy as np
 from ..compile import catalogue, compile_model, component_name
 from ..core.errors import PycosimError
 from ..fit import least_squares
+from . import first_look
 from .constancy import LACK, constancy
 from .crossval import difference, select
 from .dependence import RELEVANT, dependence, noise_floor
@@ -131,6 +132,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     say = progress or (lambda text: None)
     say("testing every candidate effect at every place")
     table = Table(dataset, model, fit)
+    first_look.tell(say, table)
     scores = Scores(table, seed)
     findings = _findings(table, scores)
     base = select(dataset, model, fit, scores.single)

@@ -84,7 +84,8 @@ def _still(axes, ws, centre):
     for k, (row, segments) in enumerate(ws.still):
         along = np.array([-row[1], row[0]])
         ends = [centre + along * ws.reach(centre, along), centre - along * ws.reach(centre, -along)]
-        axes.plot(*np.array(ends).T, color=RED, lw=0.9, ls=LINES[k % len(LINES)], label=", ".join(segments))
+        names = ", ".join(ws.kinematics.places[s] for s in segments)
+        axes.plot(*np.array(ends).T, color=RED, lw=0.9, ls=LINES[k % len(LINES)], label=names)
     axes.legend(title="stands still", title_fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 

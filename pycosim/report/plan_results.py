@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..design.identifiability import identifiability
-from ..design.plan import separations, table
+from ..design.plan import NOTHING, separations, table
 from ..fit.nullspace import number
 from .records import SCHEMA, plain
 
@@ -141,9 +141,28 @@ def summary(result):
     if loss:
         lines.append(f"Without a reference of the joint torques, this motion gives intervals {loss:.2g} times as wide "
                      "as with one, over what both determine.")
-    for s in result["rivals"]:
-        lines.append(_told(s))
-    return lines + result["doubts"]
+    alone = [s for s in result["rivals"] if s["other"] == NOTHING]
+    lines += [_told(s) for s in result["rivals"] if s not in alone]
+    return lines + _shown(alone) + result["doubts"]
+
+
+def _shown(alone):
+    """Which effects of their nominal size the motion shows, the clearest first, and which it does not."""
+    lines, ranked = [], sorted(alone, key=lambda s: -s["difference"])
+    clear = [f"{s['true']} ({s['difference']:.3g})" for s in ranked if s["separable"]]
+    slow = [f"{s['true']} (about {number(s['time'])} s)" for s in ranked
+            if not s["separable"] and s["time"] is not None]
+    never = [s["true"] for s in ranked if not s["separable"] and s["time"] is None]
+    if clear:
+        lines.append("It shows these effects, each of the size that its file calls nominal (in brackets by how many "
+                     f"standard deviations of the noise a model without it would miss): {', '.join(clear)}.")
+    if slow:
+        lines.append("It is too short to show these of that size (in brackets how much of such motion would): "
+                     f"{', '.join(slow)}.")
+    if never:
+        lines.append("No motion that was found within the limits shows these: beside them the other parameters bend "
+                     f"until the torques are the same: {', '.join(never)}.")
+    return lines
 
 
 def _told(s):

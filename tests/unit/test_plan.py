@@ -18,6 +18,7 @@ from pycosim.design.information import ChannelNoise
 from pycosim.design.motion import REST, TRANSFER, Stroke, assemble, ordered, profile
 from pycosim.design.optimiser import Optimiser, prior_of
 from pycosim.design.plan import foreseen, hidden_of, known, make_plan, motion_of, separations
+from pycosim.project import open_project
 from pycosim.study.parse import load_study
 from pycosim.study.schema import Setting, Study
 
@@ -198,6 +199,23 @@ def test_an_effect_whose_torques_have_no_closed_form_is_left_out_and_told():
     assert [b.name for b in found] == [("viscous@1A", "nothing")]
     assert len(notes) == 1 and notes[0].startswith("load_nonlinearity at 1B, 2B is not planned for: ")
     assert notes[0].endswith("What shows it: repeat the passes with three payloads or more.")
+
+
+@pytest.mark.long
+def test_a_plan_to_detect_says_what_it_shows_what_takes_longer_and_what_nothing_shows(tmp_path, monkeypatch):
+    monkeypatch.setattr("pycosim.design.plan.PATIENCE", 6.0)
+    plan = open_project(geared(tmp_path)).plan("detect", 60.0)
+    within(plan.planned)
+    rivals = {s["true"]: s for s in plan.to_dict()["rivals"]}
+    assert {s["other"] for s in rivals.values()} == {"nothing"}
+    shown = next(line for line in plan.sentences if line.startswith("It shows these effects"))
+    never = next(line for line in plan.sentences if line.startswith("No motion that was found"))
+    for effect in ("viscous@gear", "torque_constant@motor", "torque_offset@motor"):
+        assert rivals[effect]["separable"] and effect in shown
+    # way by way at one speed, inertia shows nothing; an offset of the sensor is nothing to what compares two ways
+    for effect in ("rotor_inertia@motor", "joint_spring@joint"):
+        assert not rivals[effect]["separable"] and effect in never
+    assert not any("and nothing stay alike" in line or "nothing would miss" in line for line in plan.sentences)
 
 
 def run(capsys, *argv):

@@ -96,7 +96,7 @@ def test_every_motion_is_in_one_zone_of_any_machine(seed, motors, segments):
     joint = rng.standard_normal((motors, motors)) + 3 * np.eye(motors)
     names = [f"q{k}" for k in range(motors)]
     kin = Kinematics([f"m{k}" for k in range(motors)], names, [f"s{k}" for k in range(segments)], joint,
-                     np.zeros(motors), speed)
+                     np.zeros(motors), speed, {})
     limits = Limits(joint, -rng.uniform(0.5, 2, motors), rng.uniform(0.5, 2, motors), names, *np.ones((3, motors)))
     found = Workspace(kin, limits)
     signs = [z.signs for z in found.zones]

@@ -31,6 +31,11 @@ _SEEN = 0.015
 _TINY = 1e-4  # relative error below which less is no better
 
 
+def _logarithms(errors):
+    """Sum of the logarithms of relative errors; one that is no number counts as one that is large."""
+    return sum(math.log(max(min(e, 2.0), _TINY)) if np.isfinite(e) else 1.0 for e in errors)
+
+
 class Timing:
     """Trial of shifts and drifts.
 
@@ -68,45 +73,65 @@ class Timing:
         return [s for s in dict.fromkeys(sets)
                 if any(set(s) & r.variables and not r.variables <= set(s) for r in self.relations)]
 
-    def cost(self, names, shift, drift, fit=False):
-        """Sum of the logarithms of the errors that the columns are in, noise apart.
+    def costs(self, names, trials):
+        """Sums of the logarithms of the errors that the columns are in, noise apart, the model's parameters held.
+
+        Parameters
+        ----------
+        names : tuple of str
+        trials : sequence of (float, float)
+            Shift and drift, as of `Source`.
+
+        Returns
+        -------
+        ndarray, shape (trials,)
+        """
+        tried = [with_change(self.sources, {n: Source(n, 1.0, *trial) for n in names}) for trial in trials]
+        total = np.zeros(len(tried))
+        for k, relation in enumerate(self.relations):
+            if set(names) & relation.variables:
+                if isinstance(relation, RateRelation) or relation.level:
+                    errors = [relation.hold(self.readings, s, self.holds[k].x).smooth.values() for s in tried]
+                else:
+                    errors = self._errors(relation, self.holds[k], tried)
+                total += [_logarithms(e) for e in errors]
+        return total
+
+    def _errors(self, relation, old, tried):
+        """Errors of each channel of a relation, trial by trial; all trials are evaluated at once."""
+        n, pairs = self.readings.time.size, self.readings.partners
+        first, second = (p[old.used[pairs[0]] & old.used[pairs[1]]] for p in pairs)
+        rows = zip(*(relation.arguments(self.readings, s) for s in tried))
+        stacked = [np.concatenate(row) if isinstance(row[0], np.ndarray) else row[0] for row in rows]
+        y = relation.evaluate(stacked, old.x, n * len(tried), False)[0].reshape(-1, len(tried), n)
+        return [[shared(row, first, second) / old.spread[c] for c, row in zip(
+            relation.channels, relation.measured(self.readings, s) - y[:, k])] for k, s in enumerate(tried)]
+
+    def fitted(self, names, shift, drift):
+        """The cost of a shift and a drift after a fit of the model's parameters, and how well the relations hold then.
 
         Parameters
         ----------
         names : tuple of str
         shift, drift : float
             As of `Source`.
-        fit : bool
-            Fit the model's parameters again.
 
         Returns
         -------
         total : float
         holds : dict of int to Agreement
-            By relation; of those that were fitted.
+            By relation that the columns are in.
         """
         sources = with_change(self.sources, {n: Source(n, 1.0, shift, drift) for n in names})
-        total, holds, pairs = 0.0, {}, self.readings.partners
-        for k, relation in enumerate(self.relations):
-            if not set(names) & relation.variables:
-                continue
-            old = self.holds[k]
-            if fit or isinstance(relation, RateRelation) or relation.level:
-                holds[k] = relation.hold(self.readings, sources, old.x)
-                errors = holds[k].smooth.values()
-            else:
-                y = relation.predict(self.readings, sources, old.x)
-                r = relation.measured(self.readings, sources) - y
-                first, second = (p[old.used[pairs[0]] & old.used[pairs[1]]] for p in pairs)
-                errors = [shared(row, first, second) / old.spread[c] for c, row in zip(relation.channels, r)]
-            total += sum(math.log(max(min(e, 2.0), _TINY)) if np.isfinite(e) else 1.0 for e in errors)
-        return total, holds
+        holds = {k: r.hold(self.readings, sources, self.holds[k].x) for k, r in enumerate(self.relations)
+                 if set(names) & r.variables}
+        return sum(_logarithms(h.smooth.values()) for h in holds.values()), holds
 
-    def _search(self, cost, low, high, points):
+    def _search(self, costs, low, high, points):
         """Least of a function on a grid, then twice within the neighbours."""
         for zoom in (points, 7, 7):
             grid = np.linspace(low, high, zoom)
-            k = int(np.argmin([cost(g) for g in grid]))
+            k = int(np.argmin(costs(grid)))
             low, high = grid[max(k - 1, 0)], grid[min(k + 1, zoom - 1)]
         return grid[k]
 
@@ -122,13 +147,14 @@ class Timing:
         rough = Timing(self.readings.thinned(_FEW), self.sources, self.relations, None, self.columns, self.group)
         rough.holds = {k: r.hold(rough.readings, self.sources, self.holds[k].x) for k, r in enumerate(self.relations)}
         for names in self.candidates():
-            base = rough.cost(names, 0.0, 0.0)[0]
-            shift = rough._search(lambda d: rough.cost(names, d, 0.0)[0], -_LATEST, _LATEST, 17)
-            gain = base - rough.cost(names, shift, 0.0)[0]
+            base = rough.costs(names, [(0.0, 0.0)])[0]
+            shift = rough._search(lambda grid: rough.costs(names, [(d, 0.0) for d in grid]), -_LATEST, _LATEST, 17)
+            gain = base - rough.costs(names, [(shift, 0.0)])[0]
             if gain > 0.02:
                 shifted.append((gain, names, shift, 0.0))
-            drift = rough._search(lambda e: rough.cost(names, 0.0, e)[0], -_FASTEST, _FASTEST, steps)
-            gain = base - rough.cost(names, 0.0, drift)[0]
+            drift = rough._search(lambda grid: rough.costs(names, [(0.0, e) for e in grid]), -_FASTEST, _FASTEST,
+                                  steps)
+            gain = base - rough.costs(names, [(0.0, drift)])[0]
             if gain > 0.1 and abs(drift) * self.length > _APART:
                 drifted.append((gain, names, 0.0, drift))
         return self._refined(shifted), self._refined(drifted)
@@ -137,18 +163,20 @@ class Timing:
         """The best of the first few, after a fit of the model to each."""
         found = []
         for _, names, shift, drift in sorted(tried, key=lambda t: -t[0])[:3]:
-            base = self.cost(names, 0.0, 0.0, True)[0]
+            base = self.fitted(names, 0.0, 0.0)[0]
             given = self.holds
             for span in (1.0, 0.3):  # parameters and time in turn
-                self.holds = {**given, **self.cost(names, shift, drift, True)[1]}
+                self.holds = {**given, **self.fitted(names, shift, drift)[1]}
                 if drift:
                     span *= 0.05 / self.length
-                    drift = self._search(lambda e: self.cost(names, shift, e)[0], drift - span, drift + span, 5)
+                    drift = self._search(lambda grid: self.costs(names, [(shift, e) for e in grid]),  # noqa: B023
+                                         drift - span, drift + span, 5)
                 else:
                     span *= 0.02
-                    shift = self._search(lambda d: self.cost(names, d, 0.0)[0], shift - span, shift + span, 5)
+                    shift = self._search(lambda grid: self.costs(names, [(d, 0.0) for d in grid]),  # noqa: B023
+                                         shift - span, shift + span, 5)
             self.holds = given
-            cost, holds = self.cost(names, shift, drift, True)
+            cost, holds = self.fitted(names, shift, drift)
             found.append((base - cost, names, shift, drift, holds))
         if not found:
             return None

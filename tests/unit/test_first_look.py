@@ -1,0 +1,74 @@
+"""Claims about a partial answer: it names what the tests then confirm, and reaches whoever waits."""
+
+import io
+import sys
+
+import pytest
+
+from pycosim.app.jobs import Job
+from pycosim.app.workbench import Workbench
+from pycosim.cli.progress import Progress
+from pycosim.core.early import tell_early
+from pycosim.diagnosis import decide
+from pycosim.diagnosis.first_look import first_look, told
+from pycosim.diagnosis.table import Table
+
+
+def test_it_names_the_hidden_effect_first_and_nothing_once_that_is_in(searched):
+    dataset, improvement = searched
+    before, after = (first_look(Table(dataset, s.model, s.fit)) for s in improvement.steps)
+    assert (before[0].effect, before[0].place) == improvement.steps[1].added and 0.3 < before[0].share < 1
+    assert [f.share for f in before] == sorted((f.share for f in before), reverse=True)
+    assert len({f.effect for f in before}) == len(before)
+    assert after == []
+
+
+def test_it_is_told_in_words_before_the_tests_and_only_to_who_listens(searched):
+    dataset, improvement = searched
+    first = improvement.steps[0]
+
+    class Stop(Exception):
+        pass
+
+    class Listener:
+        def __init__(self):
+            self.stages, self.known = [], []
+
+        def __call__(self, text):
+            if text.startswith("refitting"):
+                raise Stop
+            self.stages.append(text)
+
+        def early(self, text):
+            self.known.append(text)
+
+    listener = Listener()
+    with pytest.raises(Stop):
+        decide.diagnose(dataset, first.model, first.fit, progress=listener)
+    assert len(listener.known) == 1 and "stribeck at 2A (" in listener.known[0]
+    assert f"C_H {first.fit.error['C_H']:.3g} N.m" in listener.known[0] and "decide" in listener.known[0]
+    tell_early(print, "nobody listens")
+    assert told([], {"x": 0.5}, {"x": "1"}).startswith("First look: the error is x 0.5; no effect alone")
+
+
+def test_the_app_s_job_keeps_it_and_a_terminal_has_it_on_a_line_of_its_own(tmp_path, monkeypatch):
+    bench, job = Workbench(tmp_path), Job("diagnose")
+    bench._say.early("before any work")  # nobody waits
+    bench._say.listener = job
+    bench._say("testing")
+    bench._say.early("likely this")
+    assert (job.text, job.known) == ("testing", ["likely this"])
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr("sys.stderr", Terminal())
+    progress = Progress(False)
+    progress.early("likely this")
+    progress("testing")
+    line, stage = sys.stderr.getvalue().split("\n")
+    assert "likely this (0 s)" in line and "testing" in stage
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    Progress(False).early("piped")
+    assert sys.stderr.getvalue() == ""
