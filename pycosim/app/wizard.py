@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from nicegui import ui
 
-from ..data.proposal import UNITS, wanted
-from ..study.schema import REFERENCES
+from ..data.proposal import UNITS, ratings, wanted, with_rating
+from ..study.schema import REFERENCES, known_unit
 from ..study.template import rigs
 
 NONE = "(not in the log)"
@@ -111,6 +111,22 @@ class Wizard:
         if len(session.likely) != 1:
             ui.label("The columns do not tell which machine it is"
                      + (f"; as likely: {', '.join(session.likely)}." if session.likely else ". Choose one."))
+        if session.proposal is not None:
+            self._ratings()
+
+    def _ratings(self):
+        """What a data sheet says of the motors, for who has it."""
+        known = ratings(self.session.model)
+        if not known:
+            return
+        ui.label("What the motors are rated for, if you know it: effects are then told in percent of it, and readings "
+                 "beyond it are found.").classes("text-sm")
+        with ui.row().classes("items-end"):
+            for name, (unit, words) in known.items():
+                unit = "rpm" if unit == "rad/s" else unit
+                field = ui.number(f"{words} [{unit}]").classes("w-56")
+                self.fields[f"rated {name}"] = field.on(
+                    "change", lambda name=name, unit=unit, field=field: self._rate_motor(name, field.value, unit))
 
     def _columns(self):
         session = self.session
@@ -190,6 +206,17 @@ class Wizard:
         given = self._without("time")
         self._tell("rate", replace(given, rate=float(rate) if rate and rate > 0 else None))
 
+    def _rate_motor(self, name, value, unit):
+        if self.filling:
+            return
+        given, place = self.session.given, f"rated {name}"
+        if value in (None, ""):
+            self._tell(place, replace(given, rated={n: v for n, v in given.rated.items() if n != name}))
+            return
+        found = self.session.soon(place, with_rating, given, self.session.model, name, float(value), unit)
+        if found is not None:
+            self._tell(place, found)
+
     def _set(self, variable, **settings):
         if self.filling:
             return
@@ -232,6 +259,10 @@ class Wizard:
         fields["time"].value = proposal.time or NONE
         unit = held["time"][1].unit if "time" in held else "s" if proposal.time else None
         fields["time unit"].value = unit or None
+        for name, (unit, _) in ratings(session.model).items():
+            size = session.given.rated.get(name)
+            fields[f"rated {name}"].value = (None if size is None else float(
+                f"{size / (known_unit('rpm')[1] if unit == 'rad/s' else 1.0):.6g}"))
         for variable in wanted(session.model):
             name, column = held.get(variable, (None, None))
             fields[f"column {variable}"].value = name or NONE

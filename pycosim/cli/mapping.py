@@ -6,7 +6,7 @@ import sys
 
 from ..compile import compile_model
 from ..core.errors import DataError, PycosimError, closest
-from ..data.proposal import Given, answered, propose, rig_of, sampled
+from ..data.proposal import RATED, Given, answered, propose, ratings, rig_of, sampled, with_rating
 from ..study.template import rigs
 from ..study.toml import to_toml
 from .parser import UsageError
@@ -26,7 +26,7 @@ def refuse_unused(arguments):
     UsageError
     """
     said = {"--map": arguments.columns, "--rate": arguments.rate is not None, "--si": arguments.si,
-            "--without": arguments.without}
+            "--without": arguments.without, "--rated": arguments.rated}
     for option, used in said.items():
         if used:
             raise UsageError(f"{option} says something of a log; name the log with --data FILE")
@@ -53,6 +53,57 @@ def given(arguments, header):
         raise UsageError(f"--rate {arguments.rate:g}: must be above zero, in Hz")
     return Given(dict(_column(text, header) for text in arguments.columns), arguments.rate, arguments.si,
                  frozenset(arguments.without))
+
+
+def rated(arguments, model, said):
+    """What the command line says that motors are rated for.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    model : Model
+    said : Given
+
+    Returns
+    -------
+    Given
+
+    Raises
+    ------
+    UsageError
+        Not a name, a number and perhaps a unit.
+    PycosimError
+        The rig has no such quantity.
+    """
+    for text in arguments.rated:
+        name, _, value = text.partition("=")
+        number, _, unit = value.partition(":")
+        try:
+            size = float(number)
+        except ValueError:
+            raise UsageError(f"--rated {text}: write VARIABLE=VALUE[:UNIT], as motor1.tau=15 or w=3000:rpm") from None
+        said = with_rating(said, model, name.strip(), size, unit.strip())
+    return said
+
+
+def _asked_rated(model, said, terminal):
+    """What the motors are rated for, where the user knows it: one answer for all motors, none leaves it open."""
+    for kind, (unit, words) in RATED.items():
+        if any(n.endswith(f".{kind}") for n in ratings(model)):
+            unit = model.along(unit)
+
+            def take(text, kind=kind):
+                if not text:
+                    return said
+                number, _, given_unit = text.replace(" ", ":", 1).partition(":")
+                try:
+                    size = float(number.replace(",", "."))
+                except ValueError:
+                    raise DataError(f"'{text}' is no number with a unit") from None
+                return with_rating(said, model, kind, size, given_unit.strip())
+            said = _asked(f"What is the {words} of the motors [{unit}], if you know it (Enter: not known)?", take,
+                          terminal, "")
+    return said
 
 
 def _column(text, header):
@@ -143,7 +194,7 @@ def mapped(library, rig, arguments, terminal):
         A log cannot be read, or another one lacks the columns of the first.
     """
     model, sample = compile_model(library, rig), sampled(arguments.data[0])
-    said = given(arguments, sample.look.header)
+    said = rated(arguments, model, given(arguments, sample.look.header))
     proposal = propose(sample, model, said)
     if proposal.questions and not terminal.isatty():
         raise UsageError(f"{sample.look.path}: {_all_of(proposal.questions)}")
@@ -154,6 +205,8 @@ def mapped(library, rig, arguments, terminal):
         choices = f" ({', '.join(question.answers)})" if question.answers and question.kind != "column" else ""
         said = _asked(f"{question.text}{choices}", lambda text: answered(proposal, said, question, text), terminal)
         proposal = propose(sample, model, said)
+    if terminal.isatty() and not said.rated:
+        proposal = propose(sample, model, _asked_rated(model, said, terminal))
     for path in arguments.data[1:]:
         _refuse_other(sampled(path), proposal)
     return proposal
@@ -189,11 +242,13 @@ def _listed(texts):
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def _asked(question, accept, terminal):
-    """An answer that was accepted; what is wrong with one is said, and asked again."""
+def _asked(question, accept, terminal, otherwise=None):
+    """An answer that was accepted; what is wrong with one is said, and asked again. Some can do without one."""
     while True:
         print(f"{question} ", end="", flush=True)
         line = terminal.readline()
+        if not line and otherwise is not None:
+            return accept(otherwise)
         if not line:
             raise UsageError(f"no answer to: {question}; give it as an option, see 'pycosim new --help'")
         try:
@@ -237,4 +292,5 @@ def told(proposal):
         more = "".join(f", {k} = {to_toml(getattr(column, k))}" for k in _NUMBERS
                        if getattr(column, k) != getattr(type(column), k))
         lines.append(f"  {name} is {column.variable}, in {column.unit}{more}")
+    lines += [f"  {name} is rated {most:.4g} (SI)" for name, most in proposal.rated.items()]
     return [*lines, *proposal.notes]

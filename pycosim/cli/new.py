@@ -206,6 +206,7 @@ def template(library, rig, runs, modelica=(), proposal=None):
         bounds = "".join(f", {k} = {to_toml(v)}" for k, v in (("min", p.min), ("max", p.max)) if abs(v) != float("inf"))
         line = f"{to_toml(name)} = {{ value = {to_toml(p.value)}{bounds}, fixed = {to_toml(fixed)} }}"
         yield f"{'# ' if fixed else ''}{line}  # {p.unit}; {p.description or name}"
+    yield from _limit_lines(model, proposal)
     yield "\n[data]"
     yield f"runs = {to_toml(runs)}                    # logs; or --data FILE..."
     yield "held_out = []                # logs kept for the test"
@@ -226,6 +227,20 @@ def template(library, rig, runs, modelica=(), proposal=None):
         found = [p.name for p in places(library, rig, effect)]
         if found:
             yield f"#   {effect.id}: {effect.description}; at {', '.join(found)}"
+
+
+def _limit_lines(model, proposal):
+    """What the motors are rated for, or lines for who knows it later."""
+    from ..data.proposal import ratings
+    from ..study.toml import to_toml
+    told = {} if proposal is None else proposal.rated
+    known = ratings(model)
+    if known:
+        mark = "" if told else "# "
+        yield f"\n{mark}[limits]                     # what motors are rated for; effects are told in percent of it"
+    for name, (unit, words) in known.items():
+        most = to_toml(told[name]) if name in told else ".."
+        yield f"{'' if name in told else '# '}{to_toml(name)} = {{ max = {most} }}  # {unit}, {words}"
 
 
 def _data_lines(most):

@@ -75,7 +75,7 @@ EXPORT = {
 ROBUST = ("identify", "diagnose", "add", "improve", "report")
 """Verbs whose fits can be told to count samples that are far out for less."""
 MANY = {"improve": "; with several, DIR holds a folder for each, and studies.csv"}
-NEW = ("--map", "--rate", "--si", "--without")
+NEW = ("--map", "--rate", "--si", "--without", "--rated")
 PLAN = ("--goal", "--budget", "--rate", "--criterion", "--between")
 
 
@@ -179,6 +179,8 @@ def _new_options(sub):
     sub.add_argument("--si", action="store_true", help="columns that state no unit are in rad, rad/s, N.m, s, ..")
     sub.add_argument("--without", nargs="+", default=[], metavar="VARIABLE",
                      help="variables of the rig that the log does not hold")
+    sub.add_argument("--rated", nargs="+", default=[], metavar="VARIABLE=VALUE[:UNIT]",
+                     help="what motors are rated for, as motor1.tau=15 or w=3000:rpm (of every motor)")
 
 
 def _plan_options(sub):

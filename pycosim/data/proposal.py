@@ -72,12 +72,15 @@ class Given:
         Columns that state no unit are in SI units.
     absent : frozenset of str
         Variables that the log does not hold.
+    rated : dict of str to float
+        Largest torque and speed of motors, by variable, SI.
     """
 
     columns: dict = field(default_factory=dict)
     rate: float | None = None
     si: bool = False
     absent: frozenset = frozenset()
+    rated: dict = field(default_factory=dict)
 
     def with_column(self, name, **settings):
         """The same, with settings of one column on top of those that it has.
@@ -131,6 +134,8 @@ class Proposal:
         None are left when a study can be written.
     notes : list of str
         What was concluded from the numbers, and what is not used.
+    rated : dict of str to float
+        As given.
     """
 
     sample: Sample
@@ -140,6 +145,7 @@ class Proposal:
     rate: float | None
     questions: list
     notes: list
+    rated: dict
 
     @property
     def settings(self):
@@ -171,7 +177,8 @@ class Proposal:
         """
         free = {n: Setting(fixed=False) for n in first_parameters(model)}
         runs = [Path(p).absolute() for p in runs or [self.sample.look.path]]
-        return Study(Path(path), self.rig, parameters=free, runs=runs, columns=self.columns, **self.settings)
+        return Study(Path(path), self.rig, parameters=free, runs=runs, columns=self.columns,
+                     limits={n: (None, most) for n, most in self.rated.items()}, **self.settings)
 
 
 def sampled(path):
@@ -217,6 +224,62 @@ def wanted(model):
     return found
 
 
+RATED = {"tau": ("N.m", "rated torque"), "w": ("rad/s", "largest speed")}
+"""Quantities of a motor that a data sheet has: unit of a turning machine, and what it is called."""
+
+
+def ratings(model):
+    """Variables of a rig's motors that a data sheet rates.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    dict of str to (str, str)
+        Unit, and what it is.
+    """
+    return {f"{m}.{kind}": (model.along(unit), f"{words} of {m}") for kind, (unit, words) in RATED.items()
+            for m in model.components("signal") if f"{m}.{kind}" in model.variables}
+
+
+def with_rating(given, model, name, value, unit=""):
+    """What the user has said, with what a data sheet says of a motor.
+
+    Parameters
+    ----------
+    given : Given
+    model : Model
+    name : str
+        As ``motor1.tau``; ``tau`` alone is that of every motor.
+    value : float
+        Above zero.
+    unit : str
+        SI by default.
+
+    Returns
+    -------
+    Given
+
+    Raises
+    ------
+    UnknownNameError
+        The rig has no such quantity, or it has another unit.
+    DataError
+        The value is not above zero.
+    """
+    known = ratings(model)
+    meant = [n for n in known if n == name or n.rpartition(".")[2] == name]
+    if not meant:
+        raise UnknownNameError(f"{model.rig}: a motor is rated by {', '.join(known) or 'nothing'}, not by '{name}'"
+                               f"{closest(name, known)}")
+    if not 0 < value < float("inf"):
+        raise DataError(f"{name}: what a motor is rated for must be above zero, not {value:g}")
+    sizes = {n: value * (to_si(unit, known[n][0], f"'{n}'") if unit else 1.0) for n in meant}
+    return replace(given, rated={**given.rated, **sizes})
+
+
 def propose(sample, model, given=Given()):
     """What the columns of a log likely are, and what is to be asked.
 
@@ -246,7 +309,7 @@ def propose(sample, model, given=Given()):
     unused = [n for n in sample.look.header if n not in columns and n != time]
     if unused:
         notes.append(f"Not used: {', '.join(unused)}.")
-    return Proposal(sample, model.rig, columns, time, given.rate, asked, notes)
+    return Proposal(sample, model.rig, columns, time, given.rate, asked, notes, dict(given.rated))
 
 
 def rig_of(sample, models):

@@ -17,6 +17,7 @@ from .dependence import explanations
 
 CELLS = 12
 SAMPLES = 6000  # that shapes are compared on
+EXACT = 1e-3  # of a variable's spread: what an expression may miss of it, rounding of two encoders
 ENOUGH = 0.1  # of the energy beyond noise that a shape must explain on folds it was not fitted to
 
 
@@ -203,31 +204,39 @@ def _gain(basis, drive, base, residual, weights, fold):
     return taken / total
 
 
-def _readable(table, name, values, few):
+def _readable(table, place, name, values, few):
     """How a segment's effect reads a variable: declarations and an expression; None where it cannot.
 
-    An angle is read through the rig's own variables, where it follows from them.
+    An angle is read from the segment's own where it goes with that, else through the rig's variables.
     """
     ports = {"speed": "friction.w", "load": "friction.L", "time": "time"}
     kind = name.partition("@")[0]
     if kind in ports:
         return "", ports[kind]
+    component = next(c for c, p in table.model.segments.items() if p == place)
+    own = table.full.get(f"{component}.friction.phi")
+    if own is not None and unit_of(table.dataset, name) == table.model.along("rad"):
+        slope, offset = np.polyfit(own[few], values, 1) if np.ptp(own[few]) > 0 else (0.0, 0.0)
+        if np.std(values - slope * own[few] - offset) <= EXACT * np.std(values):
+            factor = "" if abs(slope - 1) <= EXACT else f"({slope:.6g}) * "
+            shift = "" if abs(offset) <= EXACT * np.std(values) else f" + ({offset:.6g})"
+            return "", f"{factor}friction.phi{shift}"
     rig = {n: table.full[n][few] for n in table.full if "." not in n and n in table.model.variables
            and isinstance(table.full[n], np.ndarray) and n != name}
     if not rig or unit_of(table.dataset, name) != table.model.along("rad"):
         return None
     columns = np.array([*rig.values(), np.ones(len(values))])
     factor = np.linalg.lstsq(columns.T, values, rcond=None)[0]
-    if np.std(values - factor @ columns) > 1e-3 * np.std(values):
+    if np.std(values - factor @ columns) > EXACT * np.std(values):
         return None
-    used = {n: f for n, f in zip(rig, factor) if abs(f) * np.std(rig[n]) > 1e-3 * np.std(values)}
+    used = {n: f for n, f in zip(rig, factor) if abs(f) * np.std(rig[n]) > EXACT * np.std(values)}
     declared = "".join(f'  input Real {n}(unit="{table.model.variables[n].unit}");\n' for n in used)
     return declared, " + ".join([*(f"({f:.6g}) * {n}" for n, f in used.items()), f"({factor[-1]:.6g})"])
 
 
 def _file(table, form, place, name, values, size, few):
     """Modelica of the guess as an effect of the user's own; None where an effect cannot read the variable."""
-    read = _readable(table, name, values, few)
+    read = _readable(table, place, name, values, few)
     if read is None:
         return None
     declared, expression = read

@@ -31,6 +31,7 @@ SECTIONS = (("checked", "Check of the data"), ("measured", "What was measured"),
             ("which", "Which effect is missing"), ("fall", "Watch the error fall"), ("parameters", "Parameters"),
             ("next", "What to measure next"), ("again", "How to reproduce"))
 MATTERS = 0.01  # share of the residual's energy from which a variable is named
+RATED = ".tau", ".w", ".a"  # limits of a motor that say nothing of how far it may move
 CARDS = 4  # candidates with a card, besides those that were added
 PACKAGES = "numpy", "scipy", "casadi", "pymoca", "plotly"
 
@@ -294,9 +295,10 @@ class Page:
 
     def _next(self):
         study = self.dataset.study
+        ready = any(not n.endswith(RATED) for n in study.limits)
         lines = [f"'pycosim plan {study.path.name}' turns this into a motion of the motors: one that narrows the "
                  "intervals, or tells the effects above apart"
-                 + ("." if study.limits else ", once a [limits] table in the study says what may move how far.")]
+                 + ("." if ready else ", once a [limits] table in the study says what may move how far.")]
         smallest = self.last.get("smallest_detectable") or []
         rows = [(_spaced(e["effect"]), e["place"], f"{e['coefficient']} = {number(e['value'])} "
                  f"{'' if e['unit'] == '1' else e['unit']}".rstrip(), f"{100 * e['error_share']:.2g}")

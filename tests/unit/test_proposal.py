@@ -1,6 +1,7 @@
 """Claims about logs nobody has described: layout and columns are found or asked, never assumed; a study comes out."""
 
 import io
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -252,6 +253,23 @@ def test_on_a_terminal_it_asks_and_repeats_what_was_no_answer(monkeypatch, capsy
     told = capsys.readouterr().out
     assert "Which column is C [N.m]" in told and "'rat' is no answer; closest: 'rad'" in told
     assert load_study("GearedJoint.toml").columns["load_torque"].variable == "C"
+
+
+def test_what_motors_are_rated_for_is_asked_or_given_and_stands_in_the_limits(monkeypatch, capsys):
+    write(text(bare()))
+    monkeypatch.setattr(mapping.sys, "stdin", Terminal("load_torque\nrad\nN.m\nN.m\nfive\n5\n3000 rpm\n"))
+    assert main(["new", "GearedJoint", "--data", "log.csv", "--out", "asked"]) == 0
+    told = capsys.readouterr().out
+    assert "rated torque of the motors [N.m]" in told and "'five' is no number" in told
+    found = load_study("asked/GearedJoint.toml").limits
+    assert found["motor.tau"] == (None, 5.0) and found["motor.w"][1] == pytest.approx(314.159, rel=1e-5)
+    given = ["--map", "load_torque=C:N.m", "--si", "--rated", "motor.tau=0.5", "w=3000:rpm"]
+    assert main(["new", "GearedJoint", "--data", "log.csv", "--out", "given", *given]) == 0
+    assert load_study("given/GearedJoint.toml").limits["motor.tau"] == (None, 0.5)
+    for wrong, said in (("motor.tau=lots", "write VARIABLE=VALUE"), ("motor.tau=-1", "must be above zero"),
+                        ("motor.tau=1:rpm", "'motor.tau'"), ("motr.tau=1", "closest: 'motor.tau'")):
+        assert main(["new", "GearedJoint", "--data", "log.csv", "--out", "no", "--si", "--rated", wrong]) == 2
+        assert said in capsys.readouterr().err and not Path("no").exists()
 
 
 def test_piped_it_says_in_one_sentence_what_to_give_and_writes_nothing(here, capsys):
