@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import socket
 
 from nicegui import app, run, ui
@@ -12,7 +10,7 @@ from ..compile import compile_model, find_effect
 from ..diagnosis.compare import worded
 from ..diagnosis.dependence import noise_floor
 from ..fit.nullspace import number
-from ..report import charts, records, sentences
+from ..report import charts, drawings, plan_figures, records, sentences
 from .session import Session
 from .wizard import Wizard
 from .workbench import Given, Workbench
@@ -139,7 +137,7 @@ class Page:
         Parameters
         ----------
         make : callable
-            Gives a chart, or what ``show`` takes.
+            Describes a plot, or None where there is none; or gives what ``show`` takes.
         show : callable, optional
             Draws it; as one chart by default.
         """
@@ -152,7 +150,10 @@ class Page:
             if not place.is_deleted:
                 place.clear()
                 with place:
-                    (show or self.plot)(made)
+                    if show:
+                        show(made)
+                    elif made:
+                        self.plot(charts.chart(made))
         ui.timer(SOON, draw, once=True)
 
     def plot(self, chart):
@@ -207,7 +208,7 @@ class Page:
             for line in sentences.summary_data(self.bench.dataset):
                 ui.label(line)
             dataset = self.bench.dataset
-            self.later(lambda: charts.plane(dataset), lambda chart: self.plot(chart) if chart else None)
+            self.later(lambda: drawings.manoeuvres(dataset))
 
     @ui.refreshable_method
     def comparison(self):
@@ -236,9 +237,10 @@ class Page:
         models = [(self.bench.steps[k].model, self.bench.steps[k].fit) for k in numbers]
         names = [self.bench.names()[k] for k in numbers]
         if not d.averaged:
-            self.later(lambda: charts.timeline(d, models, names), self._timeline)
-        self.later(lambda: {**{c.choice: c for c in charts.maps(d, models, names)},
-                            **{c.choice: c for c in charts.profiles(d, models, names)}}, self._choice)
+            self.later(lambda: charts.chart(drawings.timeline(d, models, names)), self._timeline)
+        self.later(lambda: {c.choice: charts.chart(c) for c in (
+            *drawings.maps(d, models, names), *drawings.profiles(d, models, noise_floor(d, *models[-1]), names))},
+            self._choice)
 
     def _timeline(self, chart):
         self.timeline = chart
@@ -289,7 +291,7 @@ class Page:
                 for line in sentences.summary_undetectable(told["undetectable"]):
                     ui.label(line)
         dataset, steps = bench.dataset, bench.steps
-        self.later(lambda: charts.ladder(dataset, steps, noise_floor(dataset, steps[-1].model, steps[-1].fit)))
+        self.later(lambda: drawings.ladder(dataset, steps, noise_floor(dataset, steps[-1].model, steps[-1].fit)))
 
     def _card(self, told, finding, drawn):
         effect, place = told["effect"], told["place"]
@@ -320,7 +322,7 @@ class Page:
 
         def made():
             model = compile_model(self.bench.library, step.model.rig, [*step.model.keys, finding.key])
-            return charts.signature(dataset, (step.model, step.fit), (model, finding.fit), finding.key)
+            return drawings.signature(dataset, (step.model, step.fit), (model, finding.fit), finding.key)
         return made
 
     @ui.refreshable_method
@@ -339,7 +341,7 @@ class Page:
                                                      for k, t in titles.items()]).classes("w-full")
         for line in fitted.undetermined:
             ui.label(line)
-        self.later(lambda: charts.intervals(fitted.to_dict()))
+        self.later(lambda: drawings.intervals(fitted.to_dict()))
 
     @ui.refreshable_method
     def plan(self):
@@ -364,9 +366,7 @@ class Page:
         ui.button("Take the motion (CSV)", on_click=lambda: self._take(lambda: (
             bench.make(), planned.to_csv(bench.folder / "plan.csv"))[-1]))
         self.notice("take")
-        self.later(lambda: _picture(planned.plot.motion()),
-                   lambda source: ui.html(f'<img src="{source}" alt="The motion of the motors over time" '
-                                          'style="max-width: 100%; background: white">', sanitize=False))
+        self.later(lambda: plan_figures.motion(planned.planned))
 
     @ui.refreshable_method
     def search(self):
@@ -449,13 +449,6 @@ class Page:
             await run.io_bound(thread.join)
         if made:
             ui.download.file(made[0])
-
-
-def _picture(axes):
-    """A drawing of matplotlib's as the address of an image."""
-    figure, drawn = (axes.flat[0] if hasattr(axes, "flat") else axes).figure, io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=110)
-    return f"data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode()}"
 
 
 def refuse_taken(port):

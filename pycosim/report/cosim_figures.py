@@ -1,18 +1,14 @@
-"""The log of a co-simulation in; its signals over time, a panel a unit, as vector PDF with a PNG preview, out."""
+"""The log of a co-simulation in; its signals over time, a panel a unit, as a description and as files, out."""
 
 from __future__ import annotations
 
-from matplotlib.figure import Figure
-
-from .figures import LINES, PAGE, TONES, _pretty, _styled, envelope, save
-
-__all__ = ["over_time", "write_log"]
+from .figures import save
+from .plot import Axis, Line, Panel, Plot, curve
 
 MOST = 4  # signals in one panel
 WORDS = {"rad": "angle", "rad/s": "speed", "rad/s2": "acceleration", "N.m": "torque", "W": "power", "1": "value"}
 
 
-@_styled
 def over_time(log, units):
     """Signals of a log over time, one panel a unit and at most four signals in each.
 
@@ -25,23 +21,19 @@ def over_time(log, units):
 
     Returns
     -------
-    Figure
+    Plot or None
+        None where there are no columns.
     """
     groups = {}
     for name, unit in units.items():
         groups.setdefault(unit, []).append(name)
-    panels = [(unit, names[k:k + MOST]) for unit, names in groups.items() for k in range(0, len(names), MOST)]
-    figure = Figure(figsize=(PAGE, min(9.0, 0.5 + 1.3 * len(panels))))
-    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     time = log["time"].to_numpy()
-    for a, (unit, names) in zip(axes, panels):
-        for k, name in enumerate(names):
-            a.plot(*envelope(time, log[name].to_numpy()), LINES[k], color=TONES[k], label=name)
-        a.set_ylabel(f"{WORDS.get(unit, 'signal')} [{_pretty(unit)}]")
-        a.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
-    axes[-1].set_xlabel("time [s]")
-    axes[-1].set_xlim(time[0], max(time[-1], time[0] + 1e-9))
-    return figure
+    x = Axis("time", "s", low=time[0], high=max(time[-1], time[0] + 1e-9))
+    panels = [Panel(x, Axis(WORDS.get(unit, "signal"), unit), [Line(time, log[n].to_numpy(), curve(i), n, signal=True)
+              for i, n in enumerate(names[k:k + MOST])], legend=True)
+              for unit, names in groups.items() for k in range(0, len(names), MOST)]
+    return Plot("log", "Signals over time", "The signals of a co-simulation over time.", [panels], width=2,
+                height=min(9.0, 0.5 + 1.3 * len(panels))) if panels else None
 
 
 def write_log(folder, done):
@@ -52,6 +44,4 @@ def write_log(folder, done):
     folder : path
     done : Cosimulation
     """
-    units = {n: c["unit"] for n, c in done.description["columns"].items()}
-    if units:
-        save(over_time(done.log, units), folder / "figures", "log")
+    save(over_time(done.log, {n: c["unit"] for n, c in done.description["columns"].items()}), folder / "figures", "log")

@@ -1,47 +1,33 @@
-"""Data set, fitted models and diagnoses in; figures that a paper can print, as vector PDF with a PNG preview, out.
+"""Descriptions of plots in; figures that a paper can print, as vector PDF with a PNG preview, out.
 
-Every curve differs in line style or marker as well as in colour, so that print without colour stays readable. A title
-says what a figure shows; its docstring serves as a caption.
+Every curve differs in line style or marker as well as in tone, so that print without colour stays readable.
 """
 
 from __future__ import annotations
 
+import re
 from functools import wraps
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
-from ..core.errors import UnknownNameError, closest
-from ..diagnosis.compare import branches, errors, unit_of, worded
-from ..diagnosis.dependence import explanations, noise_floor
-from ..diagnosis.scores import LEVEL
-from .cards import chance
+from ..diagnosis.compare import errors
+from ..diagnosis.dependence import noise_floor
+from . import drawings
+from .plot import Area, Arrow, Band, Bars, Cells, Level, Line, Names, Spans, Text
 from .schematic import coloured, write_schematic
-from .values import (
-    _quiet,
-    binned,
-    envelope,
-    explained_share,
-    half_energy,
-    ideal,
-    interval_rows,
-    outputs,
-    passes,
-    planes,
-    residual_map,
-    residual_of,
-    signature_values,
-    signed_shares,
-)
+from .values import envelope
 
 COLUMN, PAGE = 3.46, 7.1  # width of a column and of a page [inch]
 # Hues of Okabe and Ito, safe for colour-blind readers; the blue darker than theirs, to differ from the red in print
-BLUE, RED, GREEN, GREY = "#004C7F", "#D55E00", "#009E73", "#767676"
-TONES = BLUE, RED, GREEN, "black"
-MARKERS, LINES, HATCHES = "os^D", ("-", "--", "-.", ":"), ("", "////", "....", "xxxx")
+INKS = {"after": "#004C7F", "before": "#D55E00", "third": "#009E73", "muted": "#767676", "faint": "#CCCCCC",
+        "ink": "black"}
+MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D", "cross": "x", "tick": "|", "": ""}
+DASHES = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":", "": ""}
+NAMED = 24  # names of passes that fit side by side
+DOTS = 170  # an inch, in a preview
 STYLE = {
     "font.family": "serif", "font.serif": ["STIXGeneral", "DejaVu Serif"], "mathtext.fontset": "stix", "font.size": 8,
     "axes.labelsize": 8, "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7, "axes.linewidth": 0.6,
@@ -57,10 +43,7 @@ def _styled(function):
     @wraps(function)
     def inner(*arguments, **options):
         with mpl.rc_context({**mpl.rcParamsDefault, **STYLE}):
-            result = function(*arguments, **options)
-            for axes in result.axes if isinstance(result, Figure) else ():
-                _format(axes)
-            return result
+            return function(*arguments, **options)
     return inner
 
 
@@ -76,799 +59,254 @@ class _Numbers(ScalarFormatter):
             self.set_useMathText(False)
 
 
-def _titled(figure, text):
-    """Say what a figure shows, above all else; where a legend stands on top, in it, or they would lie on each other."""
-    style = {"size": 8.5, "weight": "bold"}
-    if figure.legends:
-        figure.legends[0].set_title(text, prop=style)
-    else:
-        figure.suptitle(text, fontproperties=style)
-
-
-def _explained(figure, text):
-    """What the numbers in a figure are, below it."""
-    figure.supxlabel(text, fontsize=6.5)
-
-
-def _format(axes):
-    for axis, limits in ((axes.xaxis, (-4, 5)), (axes.yaxis, (-3, 4))):
-        if type(axis.get_major_formatter()) is ScalarFormatter:
-            axis.set_major_formatter(_Numbers())
-            axis.get_major_formatter().set_powerlimits(limits)
-
-
-# --- words and units ------------------------------------------------------------------------------------------------
-
-
-def _pretty(unit):
+def _unit(unit):
     """A unit as papers print it."""
     text = unit.replace("rad/s/s", "rad/s2").replace("m/s/s", "m/s2").replace(".", r"$\,$").replace("s2", "s$^2$")
     return text.replace("degC", "°C") or "1"
 
 
-def label(dataset, name, symbol=None):
-    """Axis label of a channel or variable, with its unit.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    name : str
-        Channel, column, or variable of `pycosim.diagnosis.dependence.explanations`.
-    symbol : str, optional
-        Instead of the name's own.
-
-    Returns
-    -------
-    str
-    """
-    words = worded(name)
-    text = symbol or (words if words != name else _symbol(dataset, name))
-    return _measured(text, unit_of(dataset, name))
+def _printed(text):
+    """Names as symbols: C_H, theta1."""
+    text = re.sub(r"½ Δ([A-Za-z])_(\w+)", r"$\\frac{1}{2}\\Delta \1_\\mathrm{\2}$", text)
+    text = re.sub(r"(?<![\w.$])([A-Za-z])_([A-Za-z0-9]+)(?![\w.}])", r"$\1_\\mathrm{\2}$", text)
+    return re.sub(r"(?<![\w.])(theta|tau|omega)(\d)(?!\w)", r"$\\\1_\2$", text)
 
 
-def _measured(text, unit):
-    """Words of an axis with their unit; a number without unit has none."""
-    return text if unit in ("1", "") else f"{text} [{_pretty(unit)}]"
+# --- marks ----------------------------------------------------------------------------------------------------------
 
 
-def _symbol(dataset, name):
-    """C_H as a symbol; other names as they are."""
-    paired = name.endswith("_pair")
-    head, _, index = name.removesuffix("_pair").partition("_")
-    if len(head) == 1 and index.isalnum():
-        return rf"$\frac{{1}}{{2}}\Delta {head}_\mathrm{{{index}}}$" if paired else rf"${head}_\mathrm{{{index}}}$"
-    if name[-1:].isdigit() and name[:-1] in ("theta", "tau", "omega"):
-        return rf"$\{name[:-1]}_{name[-1]}$"
-    return r"$\tau$" if name == "tau" else name.replace("_", " ")
+def _line(axes, mark, name):
+    look, x, y = mark.look, mark.x, mark.y
+    if mark.signal:
+        x, y = envelope(x, y)
+    ink = INKS[look.tone]
+    style = {"color": ink, "ls": DASHES[look.dash], "lw": look.width, "marker": MARKERS[look.marker],
+             "mfc": "white" if look.open else ink, "label": name}
+    if mark.spread is None and mark.reach is None:
+        axes.plot(x, y, **style)
+        return
+    reach = None if mark.reach is None else np.array([x - mark.reach[0], mark.reach[1] - x])
+    axes.errorbar(x, y, mark.spread, reach, elinewidth=0.5, capsize=0 if mark.reach is None else 1.5, ms=3, **{
+        **style, "ls": style["ls"] or "none"})
 
 
-def _capital(text):
-    return text if text.startswith("$") else text[:1].upper() + text[1:]
+def _bars(axes, mark, name):
+    look, (k, n) = mark.look, mark.slot
+    draw, size = (axes.barh, "height") if mark.across else (axes.bar, "width")
+    draw(np.array(mark.at) + (k - (n - 1) / 2) * 0.8 / n, mark.values, **{size: 0.75 / n}, color=INKS[look.tone],
+         edgecolor="black", lw=0.6, hatch=4 * look.hatch, label=name)
 
 
-# --- values ---------------------------------------------------------------------------------------------------------
+def _cells(axes, mark, _):
+    colours = {"cmap": "RdBu_r", "vmin": -mark.top} if mark.signed else {"cmap": "cividis", "vmin": 0}
+    axes.pcolormesh(mark.x, mark.y, np.ma.masked_invalid(mark.values), vmax=mark.top, **colours)
+    middle = [(e[1:] + e[:-1]) / 2 for e in (mark.x, mark.y)]
+    for (row, column), value in np.ndenumerate(np.nan_to_num(mark.values) / mark.top):
+        dark = abs(value) < 0.6 if mark.signed else value > 0.5
+        axes.text(middle[0][column], middle[1][row], mark.texts[row][column], ha="center", va="center", fontsize=5.5,
+                  color="black" if dark else "white")
 
 
-def _segment_directions(dataset):
-    """Direction in (angle 1, angle 2) along which each segment stands still, from the log's own motion.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (2,)
-        By place.
-    """
-    rates = np.array([dataset.signals[f"der({n})"] for n in _angles(dataset)])
-    rows = np.linalg.lstsq(rates @ rates.T, rates @ dataset.speeds.T, rcond=None)[0].T
-    return {place: np.array([-row[1], row[0]]) / np.hypot(*row)
-            for place, row in zip(dataset.base.segments.values(), rows) if np.hypot(*row) > 0}
+def _level(axes, mark, name):
+    axes.axhline(mark.value, color=INKS[mark.look.tone], ls=DASHES[mark.look.dash], lw=mark.look.width, label=name)
 
 
-def _angles(dataset):
-    return [k for k in dataset.known if k.endswith("phi") and k in dataset.measured]
+def _band(axes, mark, name):
+    (axes.axvspan if mark.upright else axes.axhspan)(mark.low, mark.high, color="0.87", lw=0, zorder=0, label=name)
 
 
-def _named(dataset, variable):
-    """Name that the log has for a variable."""
-    return next((n for n, c in dataset.study.columns.items() if c.variable == variable), variable)
+def _spans(axes, mark, name):
+    if len(mark.spans):
+        begin, end = np.array(mark.spans).T
+        axes.hlines(np.full(len(begin), mark.y), begin, end, color=INKS[mark.look.tone], lw=mark.look.width, label=name)
 
 
-def has_plane(dataset):
-    """Whether the rig has two motors, whose angles make a plane.
-
-    Parameters
-    ----------
-    dataset : Dataset
-
-    Returns
-    -------
-    bool
-    """
-    return not dataset.averaged and len(_angles(dataset)) == 2
+def _names(axes, mark, _):
+    for x, text in zip(mark.x, mark.texts) if len(mark.x) <= NAMED else ():
+        axes.text(x, mark.y, text, ha="center", va="center", fontsize=8)
 
 
-def _window(dataset, residual, index, most=12):
-    """Slice of the log with every labelled manoeuvre once (else six passes), where the residual is largest."""
-    found = passes(dataset)
-    energy = np.zeros(len(dataset.time))
-    np.add.at(energy, index, (residual ** 2).sum(0))
-    names = {n for _, n in found if n}
-    best = None
-    for k in [k for k, (_, n) in enumerate(found) if n == found[0][1]]:  # a set begins as the log does
-        seen, last = set(), None
-        for m in range(k, min(k + most, len(found))):
-            seen.add(found[m][1])
-            if (names <= seen) if names and len(names) <= most else m == k + 5:
-                last = m
-                break
-        if last is None or dataset.run[found[k][0].start] != dataset.run[found[last][0].start]:
-            continue
-        s = slice(found[k][0].start, found[last][0].stop)
-        mean = energy[s].sum() / max(1, dataset.moving[s].sum())
-        if best is None or mean > best[0]:
-            best = mean, s
-    return best[1] if best else slice(0, len(dataset.time))
+def _text(axes, mark, _):
+    if mark.beside:
+        axes.text(1.02, mark.y, _printed(mark.text), va="center", fontsize=6.5, transform=axes.get_yaxis_transform())
+        return
+    axes.text(mark.x, mark.y, _printed(mark.text), color=INKS[mark.tone], ha="center", va="center", fontsize=7,
+              fontweight="normal" if mark.tone == "ink" else "bold", rotation=mark.angle,
+              rotation_mode="anchor", transform_rotates_text=True, zorder=6,
+              bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85})
 
 
-def _widened(dataset, window, margin=0.02):
-    """A window with a little of what is around it in the same run."""
-    extra = int(margin * (window.stop - window.start))
-    same = np.flatnonzero(dataset.run == dataset.run[window.start])
-    return slice(max(window.start - extra, same[0]), min(window.stop + extra, same[-1] + 1))
+def _arrow(axes, mark, _):
+    axes.annotate("", mark.end, mark.start, zorder=3, arrowprops={
+        "arrowstyle": "-|>", "color": INKS[mark.look.tone], "lw": mark.look.width, "ls": DASHES[mark.look.dash],
+        "shrinkA": 0, "shrinkB": 0})
 
 
-# --- the figures ----------------------------------------------------------------------------------------------------
+def _area(axes, mark, _):
+    axes.fill(mark.x, mark.y, color=INKS[mark.tone], alpha=0.12, lw=0)
 
 
-@_styled
-def manoeuvres(dataset):
-    """The passes in motor space, with their directions; dashed, the lines on which a segment stands still.
-
-    The longest pass of each manoeuvre is named at its arrow; others are thin lines.
-
-    Parameters
-    ----------
-    dataset : Dataset
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    x, y = (dataset.measured[n] for n in _angles(dataset))
-    figure = Figure(figsize=(COLUMN, 3.0))
-    axes = figure.add_subplot()
-    longest = {}
-    for s, name in passes(dataset):
-        axes.plot(*envelope(x[s], y[s], 100), color=GREY, lw=0.5, alpha=0.6, zorder=1)
-        length = np.hypot(x[s][-1] - x[s][0], y[s][-1] - y[s][0])
-        if name and length > longest.get(name, (0,))[0]:
-            longest[name] = length, s
-    size = max(np.ptp(x), np.ptp(y))
-    for k, (name, (_, s)) in enumerate(sorted(longest.items())):
-        _arrow(axes, x[s], y[s], (x[0], y[0]), name, 0.022 * size, TONES[(k // 2) % len(TONES)], LINES[k % 2])
-    start = x[0], y[0]
-    axes.plot(*start, "o", color="black", ms=4, zorder=5)
-    _still_lines(axes, dataset, start)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(label(dataset, _named(dataset, _angles(dataset)[0])))
-    axes.set_ylabel(label(dataset, _named(dataset, _angles(dataset)[1])))
-    _titled(figure, "Passes in the plane of the motor angles")
-    return figure
+MARKS = {Line: _line, Bars: _bars, Cells: _cells, Level: _level, Band: _band, Spans: _spans, Names: _names,
+         Text: _text, Arrow: _arrow, Area: _area}
 
 
-def _arrow(axes, x, y, start, name, aside, color, line):
-    """A pass as an arrow beside its line, on the right of its direction, with its name."""
-    d = np.array([x[-1] - x[0], y[-1] - y[0]])
-    right = np.array([d[1], -d[0]]) / np.hypot(*d) * aside
-    a, b = (np.array([x[k], y[k]]) + right for k in (0, -1))
-    axes.annotate("", b - 0.04 * d, a + 0.04 * d, zorder=3,
-                  arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.2, "ls": line, "shrinkA": 0, "shrinkB": 0})
-    far = 0.7 if np.hypot(*(b - start)) > np.hypot(*(a - start)) else 0.3  # passes fan out from the start
-    axes.text(*(a + far * (b - a) + 2 * right), name, color=color, ha="center", va="center", fontsize=9,
-              fontweight="bold")
+# --- panels ---------------------------------------------------------------------------------------------------------
 
 
-def _still_lines(axes, dataset, start):
-    """Lines through the start on which a segment stands still, named by segment."""
-    groups = {}
-    for place, d in _segment_directions(dataset).items():
-        d = d * (1 if d[np.argmax(np.abs(d))] > 0 else -1)
-        key = next((k for k in groups if np.allclose(k, d, atol=0.02)), tuple(d))
-        groups.setdefault(key, []).append(place)
-    axes.autoscale_view()
-    for d in groups:
-        axes.axline(start, (start[0] + d[0], start[1] + d[1]), color="black", lw=0.7, ls=(0, (5, 3)), zorder=0)
-    limits = axes.get_xlim(), axes.get_ylim()
-    axes.dataLim.update_from_data_xy(np.array(limits).T, ignore=False)
-    for d, places in groups.items():
-        text = f"{', '.join(places)} still{_equation(d)}"
-        reach = _reach(start, d, limits)
-        axes.text(start[0] + reach * d[0], start[1] + reach * d[1], text, fontsize=6.5, color="black", ha="center",
-                  va="center", rotation=np.degrees(np.arctan2(d[1], d[0])), rotation_mode="anchor", zorder=6,
-                  transform_rotates_text=True, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8})
+def _panel(axes, panel):
+    for mark in panel.marks:
+        name = getattr(mark, "name", "")
+        MARKS[type(mark)](axes, mark, f"_{name}" if not name or name in panel.told else _printed(name))
+    if any(isinstance(m, (Line, Bars)) for m in panel.marks) and not (panel.y.names or panel.y.log or panel.equal):
+        low, high = axes.get_ylim()
+        if low < 0 < high:
+            axes.axhline(0, color="black", lw=0.4, zorder=0, label="_zero")
+    for axis, described, lie in ((axes.xaxis, panel.x, True), (axes.yaxis, panel.y, False)):
+        _ends(axes, axis, described, lie, any(isinstance(m, Bars) for m in panel.marks))
+    if panel.equal:
+        axes.set_aspect("equal", adjustable="datalim")
+    if panel.title:
+        axes.text(0.5, 1.02, _printed(panel.title), transform=axes.transAxes, ha="center", va="bottom", fontsize=7)
+    if any(isinstance(m, Spans) for m in panel.marks):  # rows of marks, not numbers
+        axes.spines[["left", "bottom"]].set_visible(False)
+        axes.tick_params(length=0, axis="both")
 
 
-def _equation(d):
-    """The direction in words of the two speeds, where they are simple."""
-    simple = {(0, 1): r": $\dot\theta_1 = 0$", (1, 0): r": $\dot\theta_2 = 0$",
-              (1, 1): r": $\dot\theta_1 = \dot\theta_2$"}
-    return simple.get(tuple(np.round(np.array(d) / np.max(np.abs(d)), 2) + 0.0), "")
+def _ends(axes, axis, described, lie, bars):
+    """Scale, limits and ticks of an axis."""
+    if described.log:
+        (axes.set_xscale if lie else axes.set_yscale)("log")
+    limit = axes.set_xlim if lie else axes.set_ylim
+    if described.names:
+        count = len(described.names)
+        axis.set_ticks(range(count), list(map(_printed, described.names)), fontsize=6.5 if count < 14 else 5)
+        axis.set_tick_params(length=0)
+        margin = 1.0 if bars and lie and count < 3 else 0.6
+        if described.low is None:
+            limit(-margin, count - 1 + margin)
+    if described.low is not None or described.high is not None:
+        limit(described.low, described.high)
+    if described.falling:
+        axis.set_inverted(True)
+    if type(axis.get_major_formatter()) is ScalarFormatter:
+        axis.set_major_formatter(_Numbers())
+        axis.get_major_formatter().set_powerlimits((-4, 5) if lie else (-3, 4))
 
 
-def _reach(start, d, limits):
-    """Distance along a line to most of the way to the border, on the longer side."""
-    ends = []
-    for sign in (1, -1):
-        steps = [(max(sign * c * e for e in lim) - sign * c * s) / (c * c) for s, c, lim in zip(start, d, limits)
-                 if abs(c) > 1e-6]
-        ends.append(sign * 0.72 * min(steps))
-    return max(ends, key=abs)
+def _laid(figure, plot):
+    """Axes of the panels, by column."""
+    rows = max(map(len, plot.columns))
+    longest = next(c for c in plot.columns if len(c) == rows)
+    grid = figure.add_gridspec(rows, len(plot.columns), width_ratios=plot.widths or None,
+                               height_ratios=[p.height for p in longest])
+    laid = [[] for _ in plot.columns]
+    for c, (column, own) in enumerate(zip(plot.columns, laid)):
+        for r, _ in enumerate(column):
+            above, first = own[-1] if own else None, laid[0][r] if c and plot.aligned else None
+            place = grid[r if len(column) == rows else slice(None), c]
+            own.append(figure.add_subplot(place, sharex=above, sharey=first))
+    return laid
+
+
+def _ticks(axes, plot, height):
+    """Few ticks where there is little room."""
+    for axis, room in ((axes.xaxis, plot.width / len(plot.columns)), (axes.yaxis, height)):
+        if isinstance(axis.get_major_formatter(), _Numbers) and axis.get_scale() == "linear" and room < 1:
+            axis.set_major_locator(MaxNLocator(4))
+
+
+def _legend(place, axes, title="", width=0.0, **where):
+    """What is named in some axes, each name once, with a title above."""
+    named = {}
+    for a in axes:
+        for handle, name in zip(*a.get_legend_handles_labels()):
+            named.setdefault(name, handle)
+    if named:
+        longest = max(len(re.sub(r"\\mathrm|[${}_\\]", "", n)) for n in named)
+        columns = int(np.clip(width / (0.55 + 0.052 * longest), 1, len(named)))
+        columns = -(-len(named) // -(-len(named) // columns))
+        legend = place.legend(named.values(), named, ncols=columns, columnspacing=1.4, **where)
+        if title:
+            legend.set_title(title, prop={"size": 8.5, "weight": "bold"})
+    return bool(named)
 
 
 @_styled
-def over_time(dataset, model, fit, other=None, window=None):
-    """Speeds, measured and modelled outputs, and what is left, over one set of manoeuvres.
-
-    The window is the set where the first model is worst. Grey: something stands still; hatched: a motor torque is
-    negative.
+def figure(plot):
+    """Draw a plot for print.
 
     Parameters
     ----------
-    dataset : Dataset
-    model, fit : Model, Fit
-    other : (Model, Fit), optional
-        The improved model.
-    window : slice, optional
-        Of the samples; the whole log with ``slice(None)``.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    residual, index = residual_of(dataset, model, fit)
-    window = window or _widened(dataset, _window(dataset, residual, index))
-    window = slice(*window.indices(len(dataset.time)))
-    heights = [1] + ([1.6] if dataset.paired else [1.6, 1]) * len(dataset.outputs)
-    figure = Figure(figsize=(PAGE, 1.0 + 0.85 * sum(heights)))
-    axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-    _speeds(axes[0], dataset, window)
-    shown = [("friction model", RED, "-", model, fit)]
-    if other:
-        shown = [("base model", RED, "--", model, fit), ("improved model", BLUE, "-", *other)]
-    lossless = ideal(dataset)
-    for k, channel in enumerate(dataset.outputs):
-        panels = [axes[1 + k]] if dataset.paired else axes[1 + 2 * k:3 + 2 * k]
-        _fitted(panels, dataset, channel, window, shown, lossless)
-    for panel in axes:
-        _zones(panel, dataset, window)
-        panel.yaxis.set_major_locator(MaxNLocator(4))
-        panel.margins(x=0)
-    _names(axes[0], dataset, window)
-    axes[-1].set_xlabel("Time [s]")
-    zones = [Patch(facecolor="0.87", label="a segment stands still")]
-    if (_negative(dataset) & dataset.moving)[window].any():
-        zones.append(Patch(facecolor="none", edgecolor="0.55", hatch="////", lw=0, label="a motor torque is negative"))
-    handles = [*axes[0].get_legend_handles_labels()[0], *axes[1].get_legend_handles_labels()[0], *zones]
-    figure.legend(handles=handles, loc="outside upper center", ncols=-(-len(handles) // 2), columnspacing=1.4)
-    figure.align_ylabels(axes)
-    _titled(figure, "Model against measurement, where the error is largest")
-    return figure
-
-
-def _speeds(axes, dataset, window):
-    """Speeds of the motors."""
-    names = [k for k in dataset.signals if k.startswith("der(") and k.count("(") == 1] or list(dataset.signals)[:1]
-    for k, name in enumerate(names):
-        symbol = _symbol(dataset, _named(dataset, name[4:-1])).replace(r"\theta", r"\dot\theta")
-        text = symbol if symbol.startswith("$") else f"speed of {name[4:-1].removesuffix('.phi')}"
-        values = dataset.signals[name][window]
-        axes.plot(*envelope(dataset.time[window], values), color=("black", GREY)[k % 2], ls=LINES[k],
-                  label=text)
-    component = next(iter(dataset.base.segments))
-    axes.set_ylabel(f"Speed [{_pretty(dataset.base.variables[f'{component}.w'].unit)}]")
-
-
-def _fitted(panels, dataset, channel, window, shown, lossless):
-    """An output measured, without losses, and by each model; below, what each model leaves."""
-    axes, time = panels[0], dataset.time[window]
-    if not dataset.paired:
-        measured = dataset.reference(channel)[window]
-        axes.plot(*envelope(time, measured), color="black", lw=1.8, label="measured")
-        panels[1].axhline(0, color="black", lw=0.4)
-        panels[1].set_ylabel(f"Error [{_pretty(unit_of(dataset, channel))}]")
-    if lossless is not None:
-        axes.plot(*envelope(time, lossless[channel][window]), color=GREY, ls=":", lw=0.9, label="without losses")
-    for name, color, line, model, fit in shown:
-        values = outputs(dataset, model, fit)[channel][window]
-        axes.plot(*envelope(time, values), color=color, ls=line, lw=0.8, label=name)
-        if not dataset.paired:
-            panels[1].plot(*envelope(time, measured - values), color=color, ls=line, lw=0.5)
-    axes.set_ylabel(_capital(label(dataset, channel)))
-
-
-def _negative(dataset):
-    """Samples where a measured motor torque is negative."""
-    torques = [dataset.signals[k] for k in dataset.known if k in dataset.signals and k.endswith("tau")]
-    return np.any([t < 0 for t in torques], axis=0) if torques else np.zeros(len(dataset.time), bool)
-
-
-def _zones(axes, dataset, window):
-    """Grey and hatched zones behind a panel."""
-    time, limits = dataset.time[window], axes.get_ylim()
-    axes.fill_between(time, 0, 1, where=~dataset.moving[window], transform=axes.get_xaxis_transform(), color="0.87",
-                      lw=0, zorder=0, step="mid")
-    where = (_negative(dataset) & dataset.moving)[window]
-    if where.any():
-        axes.fill_between(time, 0, 1, where=where, transform=axes.get_xaxis_transform(), facecolor="none",
-                          edgecolor="0.75", hatch="////", lw=0, zorder=0, step="mid")
-    axes.set_ylim(limits)
-
-
-def _names(axes, dataset, window):
-    """Names of the passes above a panel, while there is room for them."""
-    found = [((s.start + s.stop) // 2, name) for s, name in passes(dataset) if name]
-    inside = [(dataset.time[k], name) for k, name in found if window.start <= k < window.stop]
-    if len(inside) <= 24:
-        for time, name in inside:
-            axes.text(time, 1.02, name, ha="center", va="bottom", transform=axes.get_xaxis_transform(), fontsize=8)
-
-
-@_styled
-def where_it_fails(dataset, model, fit, floor=None):
-    """Error by manoeuvre, by branch of every segment (direct: power flows to the joint; reverse: back), and by run.
-
-    Runs have the numbers of their order in the study. A log that has none of these is split by the sign of the speed,
-    and stands as a whole where that has one sign.
-    Dotted: the noise floor of each channel.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    model : Model
-    fit : Fit
-    floor : dict of str to float, optional
-        Noise floor of each channel.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    residual, index = residual_of(dataset, model, fit)
-    floor = _floor(dataset, model, fit) if floor is None else floor
-    panels = [(name, values) for name, values in _splits(dataset, model, fit, residual, index) if len(values) > 1]
-    panels = panels or [("Log", _rmse(residual, np.full(len(index), "whole")))]
-    widths = [max(3, len(values)) for _, values in panels]
-    wide = PAGE if sum(widths) > 6 else COLUMN
-    figure = Figure(figsize=(wide, 2.1))
-    axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True, width_ratios=widths))
-    for panel, (name, groups) in zip(axes, panels):
-        _bars(panel, dataset, groups, floor)
-        panel.set_xlabel(name)
-    axes[0].set_ylabel(f"RMSE [{_units(dataset)}]")
-    handles = dict(zip(*reversed(axes[0].get_legend_handles_labels())))
-    names = sorted(handles, key=lambda n: n.startswith("noise"))
-    figure.legend([handles[n] for n in names], names, loc="outside upper center", ncols=4)
-    _titled(figure, "Where the model fails")
-    return figure
-
-
-def _splits(dataset, model, fit, residual, index):
-    """Names of groupings and their errors."""
-    if dataset.labels is not None:
-        yield "Manoeuvre", _rmse(residual, dataset.labels[index].astype(str))
-    split = {}
-    for place, branch in branches(dataset, model, fit).items():
-        groups = _rmse(residual, branch[index].astype(str))
-        split.update({f"{place}\n{name}": values for name, values in groups.items() if len(groups) > 1})
-    yield "Branch of segment", split
-    if not dataset.averaged:
-        yield "Run", _rmse(residual, dataset.run[index] + 1)
-    elif not split:
-        for k, place in enumerate(dataset.base.segments.values()):
-            names = np.where(dataset.speeds[k, index] > 0, f"{place}\nspeed > 0", f"{place}\nspeed < 0")
-            yield "Sign of the speed", _rmse(residual, names)
-
-
-def _floor(dataset, model, fit):
-    """Noise floor of each channel; none where a run is one sample, whose scatter nothing shows."""
-    return {c: v for c, v in noise_floor(dataset, model, fit).items() if np.isfinite(v)}
-
-
-def _units(dataset):
-    return ", ".join(dict.fromkeys(_pretty(unit_of(dataset, c)) for c in dataset.channels))
-
-
-def _rmse(residual, names):
-    with _quiet():
-        return {n: np.sqrt(np.mean(residual[:, names == n] ** 2, axis=1)) for n in np.unique(names)}
-
-
-def _bars(axes, dataset, groups, floor):
-    """One group of bars a label, one bar a channel."""
-    count = len(dataset.channels)
-    for k, channel in enumerate(dataset.channels):
-        at = np.arange(len(groups)) + (k - (count - 1) / 2) * 0.8 / count
-        axes.bar(at, [v[k] for v in groups.values()], 0.8 / count, color=("0.35", "white")[k % 2], edgecolor="black",
-                 lw=0.6, hatch=HATCHES[k], label=_symbol(dataset, channel))
-    for k, channel in enumerate(c for c in dataset.channels if c in floor):
-        axes.axhline(floor[channel], color=TONES[k], ls=(":", "--")[k % 2], lw=1.2,
-                     label=f"noise floor of {_symbol(dataset, channel)}")
-    axes.set_xticks(range(len(groups)), list(groups), fontsize=6.5 if len(groups) < 14 else 5)
-    margin = 0.6 if len(groups) > 2 else 1.2
-    axes.set_xlim(-margin, len(groups) - 1 + margin)
-    axes.tick_params(axis="x", length=0)
-
-
-@_styled
-def residuals(dataset, model, fit, floor=None, over=None, channel=None):
-    """Residual against speed, load, angle, time since reversal and time.
-
-    Of each kind the variable with the strongest dependence is shown. Mean and standard deviation in bins, apart for the
-    two signs of the speed of the segment named in the legend; grey band: the noise floor.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    model : Model
-    fit : Fit
-    floor : dict of str to float, optional
-        Noise floor of each channel.
-    over : str, optional
-        This variable alone, as ``speed@2A``.
-    channel : str, optional
-        This channel alone.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    UnknownNameError
-        The residual of these data cannot be drawn over that.
-    """
-    residual, index = residual_of(dataset, model, fit)
-    floor = _floor(dataset, model, fit) if floor is None else floor
-    known = explanations(dataset, model, fit, index)
-    if over is not None and over not in known:
-        raise UnknownNameError(f"no variable '{over}' to draw the residual over{closest(over, known)}")
-    forward, name = _direction(dataset, residual, known)
-    shown = _strongest(dataset, residual, known, forward) if over is None else [over]
-    rows = dataset.channels if channel is None else [channel]
-    count = len(shown)
-    figure = Figure(figsize=(max(COLUMN, PAGE * count / 5), 1.35 * len(rows) + 0.75))
-    axes = figure.subplots(len(rows), count, sharex="col", sharey="row", squeeze=False)
-    for c, channel in enumerate(rows):
-        for panel, variable in zip(axes[c], shown):
-            _scatter(panel, known[variable], residual[dataset.channels.index(channel)], forward, floor.get(channel),
-                     name)
-            if c == len(rows) - 1:
-                panel.set_xlabel(_capital(label(dataset, variable)))
-        axes[c, 0].set_ylabel(f"Residual of {_symbol(dataset, channel)} [{_pretty(unit_of(dataset, channel))}]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    _titled(figure, "What the residual depends on")
-    return figure
-
-
-def _direction(dataset, residual, known):
-    """Samples in which the segment whose speed matters most goes forward, and its place."""
-    speeds = [n for n in known if n.startswith("speed@")]
-    if not speeds:
-        return np.ones(residual.shape[1], bool), ""
-    best = max(speeds, key=lambda n: explained_share(known[n], residual, np.ones(residual.shape[1], bool)))
-    return known[best] > 0, best.partition("@")[2]
-
-
-def _strongest(dataset, residual, known, forward):
-    """Of each kind of variable, the one that the residual depends on most."""
-    angles = [_named(dataset, a) for a in _angles(dataset)]
-    kinds = [[n for n in known if n.startswith("speed@")], [n for n in known if n.startswith("load@")],
-             [n for n in known if n in angles], ["time_since_reversal"], ["time"], ["temperature"]]
-    kinds = [[n for n in kind if n in known] for kind in kinds]
-    shown = [max(kind, key=lambda n: explained_share(known[n], residual, forward)) for kind in kinds if kind]
-    return shown[:5] or list(known)[:1]
-
-
-def _scatter(axes, x, y, forward, floor, name):
-    if floor is not None:
-        axes.axhspan(-floor, floor, color="0.87", lw=0, zorder=0, label="noise floor")
-    axes.axhline(0, color="black", lw=0.4, zorder=0)
-    for k, (text, where) in enumerate(((">", forward), ("<", ~forward))):
-        if where.sum() > 10:
-            centre, mean, spread = binned(x[where], y[where])
-            axes.errorbar(centre, mean, spread, color=(BLUE, RED)[k], ls=LINES[k], lw=0.8, marker="o^"[k], ms=2.8,
-                          mfc=(BLUE, "white")[k], elinewidth=0.4,
-                          label=f"speed of {name} {text} 0" if name else "all samples")
-    axes.xaxis.set_major_locator(MaxNLocator(4))
-    axes.yaxis.set_major_locator(MaxNLocator(5))
-
-
-@_styled
-def signature(dataset, before, after, key):
-    """What a missing effect looks like: before and after it is added, against the variable it depends on.
-
-    Left: root mean square of the residual. Right: what is missing at the effect's place, that is the residual's share
-    in the direction of a torque there, all else as fitted with the effect; the line is the fitted effect.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    before, after : (Model, Fit)
-    key : (str, str)
-        Effect and place.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    found = signature_values(dataset, before, after, key)
-    missing = found["missing"]
-    figure = Figure(figsize=(PAGE if missing else COLUMN, 2.2))
-    axes = np.atleast_1d(figure.subplots(1, 2 if missing else 1))
-    for c, (channel, (centre, *pair)) in enumerate(found["rmse"].items()):
-        for k, (values, text) in enumerate(zip(pair, ("without the effect", "with it"))):
-            axes[0].plot(centre, values, color=(RED, BLUE)[k], ls=LINES[c], marker=MARKERS[c],
-                         mfc=("white", (RED, BLUE)[k])[k], label=f"{_symbol(dataset, channel)} {text}")
-    axes[0].set_ylim(bottom=0)
-    axes[0].set_ylabel(f"RMSE [{_units(dataset)}]")
-    if missing:
-        _partial(axes[1], missing)
-        axes[1].set_ylabel(f"Missing {missing['kind']} of {missing['place']} [{_pretty(missing['unit'])}]")
-    for panel in axes:
-        panel.set_xlabel(_capital(_variable_label(dataset, found["variable"])))
-        panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2 if panel is axes[0] else 3,
-                     columnspacing=1.2)
-    _titled(figure, f"What {key[0].replace('_', ' ')} at {key[1]} looks like")
-    return figure
-
-
-def _variable_label(dataset, variable):
-    return "angle within a cycle [rad]" if variable == "cycle" else label(dataset, variable)
-
-
-def _partial(axes, missing):
-    axes.axhline(0, color="black", lw=0.4)
-    axes.plot(missing["centre"], missing["without"], "o", color=RED, mfc="white", label="without the effect")
-    axes.plot(missing["centre"], missing["effect"], "-", color="black", label="fitted effect")
-    axes.plot(missing["centre"], missing["with"], "s", color=BLUE, ms=2.8, label="with it")
-
-
-@_styled
-def ladder(improvement, dataset):
-    """Error at every step of the search, on the fitted and on the held-out passes; dotted: the noise floor.
-
-    Parameters
-    ----------
-    improvement : Improvement
-    dataset : Dataset
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    steps, floor = improvement.steps, improvement.last.noise_floor
-    figure = Figure(figsize=(COLUMN if len(steps) < 4 else 0.75 * PAGE, 2.3))
-    axes = figure.subplots()
-    at = np.arange(len(steps))
-    for c, channel in enumerate(dataset.channels):
-        for k, (kind, text) in enumerate((("error", "fit"), ("held_out_error", "held out"))):
-            values = [getattr(s, kind).get(channel, np.nan) for s in steps]
-            if np.isfinite(values).any():
-                axes.plot(at + 0.06 * (c - 0.5) * (len(dataset.channels) > 1), values, color=TONES[c], ls=LINES[k],
-                          marker=MARKERS[c], mfc=(TONES[c], "white")[k], zorder=3 - k, ms=(3.5, 5.5)[k],
-                          label=f"{_symbol(dataset, channel)} {text}")
-        if np.isfinite(floor[channel]):
-            axes.axhline(floor[channel], color=TONES[c], ls=":", lw=1.0,
-                         label=f"{_symbol(dataset, channel)} noise floor")
-    names = ["base"] + [f"+ {s.added[0].replace('_', ' ')}\nat {s.added[1]}" for s in steps[1:]]
-    axes.set_xticks(at, names, fontsize=6.5)
-    axes.set_xlim(-0.4, len(steps) - 0.6)
-    axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
-    axes.set_xlabel("Model")
-    axes.set_ylabel(f"RMSE [{_units(dataset)}]")
-    count = len(dataset.channels)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=count if count > 1 else 3,
-                  columnspacing=1.5)
-    _titled(figure, "The error, effect by effect")
-    return figure
-
-
-@_styled
-def candidates(diagnosis, most=10, held_out=None):
-    """The error that each of the best candidates would leave by itself, and what became of it.
-
-    Full bars: on passes that were held out; hatched: expected before any refit.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-    most : int
-        Candidates to show.
-    held_out : dict of str to float, optional
-        Error of the diagnosed model on held-out passes; without it all bars are expectations.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    left = {f.key: _left(diagnosis, f, held_out) for f in diagnosis.candidates}
-    shown = sorted(diagnosis.candidates, key=lambda f: (not f.accepted, left[f.key][0]))[:most]
-    figure = Figure(figsize=(0.75 * PAGE, 0.9 + 0.19 * max(3, len(shown))))
-    axes = figure.subplots()
-    for seen, text in ((True, "on held-out passes"), (False, "expected before a refit")):
-        at = [k for k, f in enumerate(shown) if left[f.key][1] == seen]
-        if at:
-            axes.barh(at, [100 * left[shown[k].key][0] for k in at], 0.7, color=["0.25" if shown[k].accepted and seen
-                      else "0.8" for k in at], edgecolor="black", lw=0.5, hatch="" if seen else "////", label=text)
-    for k, f in enumerate(shown):
-        axes.text(1.02, k, _fate(diagnosis, f), va="center", fontsize=6.5, transform=axes.get_yaxis_transform())
-    axes.set_yticks(range(len(shown)), [f"{f.effect.replace('_', ' ')} at {f.place}" for f in shown], fontsize=7)
-    axes.tick_params(axis="y", length=0)
-    axes.invert_yaxis()
-    axes.axvline(100, color="black", lw=0.8, ls=":")
-    axes.set_xlim(0, 105)
-    axes.set_xlabel("Error left with it alone [% of the error without it]")
-    axes.set_ylabel("Candidate")
-    _titled(figure, "What each candidate would explain")
-    figure.legend(loc="outside lower center", ncols=2)
-    return figure
-
-
-def _left(diagnosis, finding, held_out):
-    """Share of the error that a candidate leaves, over all channels, and whether held-out passes say so."""
-    seen = bool(finding.held_out_error and held_out)
-    before, after = (held_out, finding.held_out_error) if seen else (diagnosis.error, finding.predicted_error)
-    keys = [c for c in before if c in after and before[c]]
-    return (float(np.sqrt(np.mean([after[c] ** 2 / before[c] ** 2 for c in keys]))) if keys else 1.0), seen
-
-
-def _fate(diagnosis, finding):
-    """What became of a candidate, in a few words."""
-    if finding.accepted:
-        return "accepted"
-    for other in diagnosis.candidates:
-        if other.accepted and any((t["effect"], t["place"]) == finding.key for t in other.twins):
-            return f"not to be told from {other.effect.replace('_', ' ')} at {other.place}"
-    if finding.explained_by:
-        return f"explained by {finding.explained_by['effect'].replace('_', ' ')} at {finding.explained_by['place']}"
-    if finding.p_value >= LEVEL:
-        return f"as large by chance in {chance(finding.p_value)}"
-    return finding.refused or "not needed"
-
-
-@_styled
-def maps(dataset, model, fit, channel=None):
-    """Error over the plane that it is most concentrated on: speed and load of a segment, or the two angles.
-
-    Numbers: share of the error's energy in percent, where it is 2 and more.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    model : Model
-    fit : Fit
-    channel : str, optional
-        The first by default.
+    plot : Plot or None
 
     Returns
     -------
     matplotlib.figure.Figure or None
-        None where there is no plane to draw over.
+        None where there is no plot.
     """
-    residual, index = residual_of(dataset, model, fit)
-    c = dataset.channels.index(channel) if channel else 0
-    known = explanations(dataset, model, fit, index)
-    found = [(pair, residual_map(known[pair[0]], known[pair[1]], residual)) for pair in planes(dataset, known)]
-    if not found:
+    if plot is None:
         return None
-    (x, y), best = min(found, key=lambda f: half_energy(f[1]["energy"][c], f[1]["samples"]))
-    figure = Figure(figsize=(COLUMN, 2.7))
-    axes = figure.add_subplot()
-    mesh = axes.pcolormesh(best["x"], best["y"], np.ma.masked_invalid(best["rmse"][c]), cmap="cividis", vmin=0)
-    middle = [(best[a][1:] + best[a][:-1]) / 2 for a in "xy"]
-    half = 0.5 * np.nanmax(best["rmse"][c])
-    for (row, column), share in np.ndenumerate(100 * np.nan_to_num(best["energy"][c])):
-        if share >= 2:
-            axes.text(middle[0][column], middle[1][row], f"{share:.0f}", ha="center", va="center", fontsize=6,
-                      color="black" if best["rmse"][c][row, column] > half else "white")
-    _explained(figure, "number in a cell: its share of the error's energy in percent")
-    figure.colorbar(mesh, ax=axes, label=f"RMSE of {_symbol(dataset, dataset.channels[c])} "
-                                         f"[{_pretty(unit_of(dataset, dataset.channels[c]))}]")
-    axes.set_xlabel(_capital(label(dataset, x)))
-    axes.set_ylabel(_capital(label(dataset, y)))
-    _titled(figure, f"Where the error of {_symbol(dataset, dataset.channels[c])} is")
-    return figure
+    wide = COLUMN + (PAGE - COLUMN) * (min(plot.width, 2) - 1)
+    drawn = Figure(figsize=(max(COLUMN, wide), plot.height))
+    laid = _laid(drawn, plot)
+    above, mesh = [], None
+    for c, (column, panels) in enumerate(zip(laid, plot.columns)):
+        for axes, panel in zip(column, panels):
+            _panel(axes, panel)
+            _ticks(axes, plot, plot.height * panel.height / sum(p.height for p in panels) / 1.6)
+            first, last = not plot.aligned or c == 0, panel is panels[-1]
+            axes.set(ylabel=_printed(panel.y.label(_unit)) if first else "",
+                     xlabel=_printed(panel.x.label(_unit)) if last else "")
+            axes.tick_params(labelbottom=last, labelleft=first)
+            mesh = axes.collections[0] if any(isinstance(m, Cells) for m in panel.marks) else mesh
+            if panel.legend:
+                _own_legend(axes, wide / len(laid), len(laid) > 1)
+            else:
+                above.append(axes)
+            if any(isinstance(m, Line) and m.signal for p in panels for m in p.marks):
+                axes.margins(x=0)
+    drawn.align_ylabels()
+    title = _printed(plot.title)
+    if not _legend(drawn, above, title, wide, loc="outside upper center") and title:
+        drawn.suptitle(title, size=8.5, weight="bold")
+    if plot.note:
+        drawn.supxlabel(plot.note, fontsize=6.5)
+    if mesh is not None:
+        colour = next(m for p in plot.panels for m in p.marks if isinstance(m, Cells)).colour
+        drawn.colorbar(mesh, ax=[a for column in laid for a in column], label=_printed(colour.label(_unit)))
+    return drawn
 
 
-@_styled
-def unexplained(dataset, left):
-    """Where a residual that no effect explains lives: its mean over two variables.
-
-    Numbers: share of its energy in percent with the sign of the mean, where it is 2 and more.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    left : dict
-        Of `pycosim.unexplained.unexplained`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure or None
-        None where only one variable is known to matter.
-    """
-    found = left["map"]
-    if found is None:
-        return None
-    mean, share = np.asarray(found["mean"], dtype=float), 100 * np.asarray(found["energy"], dtype=float)
-    edges = [np.asarray(found[f"{a}_edges"]) for a in "xy"]
-    top = np.nanmax(np.abs(mean))
-    figure = Figure(figsize=(COLUMN, 2.7))
-    axes = figure.add_subplot()
-    mesh = axes.pcolormesh(*edges, np.ma.masked_invalid(mean), cmap="RdBu_r", vmin=-top, vmax=top)
-    middle = [(e[1:] + e[:-1]) / 2 for e in edges]
-    for row, line in enumerate(signed_shares(mean, share)):
-        for column, text in enumerate(line):
-            axes.text(middle[0][column], middle[1][row], text, ha="center", va="center", fontsize=5,
-                      color="black" if abs(np.nan_to_num(mean[row, column])) < 0.6 * top else "white")
-    channel = left["channel"]
-    _explained(figure, "number in a cell: its share of the energy in percent,\nwith the sign of the mean")
-    figure.colorbar(mesh, ax=axes, label=f"Mean residual of {_symbol(dataset, channel)} "
-                                         f"[{_pretty(unit_of(dataset, channel))}]")
-    axes.set_xlabel(_capital(label(dataset, found["x"])))
-    axes.set_ylabel(_capital(label(dataset, found["y"])))
-    _titled(figure, f"What no effect explains in {_symbol(dataset, channel)}")
-    return figure
-
-
-@_styled
-def intervals(parameters):
-    """Fitted parameters with their 95 % intervals, over the larger end of the interval.
-
-    Crosses: at a bound, or not determined by itself.
-
-    Parameters
-    ----------
-    parameters : dict
-        ``parameters.json``.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    rows = interval_rows(parameters)
-    figure = Figure(figsize=(COLUMN, 0.6 + 0.17 * max(3, len(rows))))
-    axes = figure.subplots()
-    for k, row in enumerate(rows):
-        low, value, high = row["scaled"]
-        axes.plot([low, high], [k, k], color="black", lw=0.8, marker="|", label="_interval")
-        axes.plot(value, k, "o" if row["sure"] else "x", color=BLUE if row["sure"] else RED, label="_value")
-    axes.set_yticks(range(len(rows)), [row["name"] for row in rows], fontsize=7)
-    axes.invert_yaxis()
-    axes.set_xlabel("Value over the larger end of its interval")
-    axes.set_ylabel("Parameter")
-    _titled(figure, "Parameters and their 95 % intervals")
-    return figure
+def _own_legend(axes, width, crowded):
+    """What a panel names: above it where others are beside it, else on its right."""
+    where = ({"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)} if crowded else
+             {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.0})
+    _legend(axes, [axes], width=width if crowded else 0, **where)
 
 
 # --- files ----------------------------------------------------------------------------------------------------------
 
 
 @_styled
-def save(figure, folder, name):
-    """Write a figure as PDF, and as PNG for a quick look.
+def save(plot, folder, name):
+    """Draw a plot as PDF, and as PNG for a quick look.
 
     Parameters
     ----------
-    figure : matplotlib.figure.Figure
+    plot : Plot or None
+        Nothing is written where there is none.
     folder : Path
         Made where it is missing.
     name : str
         Of the files, without ending.
     """
+    if plot is None:
+        return
     folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
-    figure.set_layout_engine("none")  # laid out already
-    figure.savefig(folder / f"{name}.png", dpi=170, metadata={"Software": None})
+    drawn = figure(plot)
+    drawn.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
+    drawn.set_layout_engine("none")  # laid out already
+    drawn.savefig(folder / f"{name}.png", dpi=DOTS, metadata={"Software": None})
 
 
 def write_comparison(folder, dataset, model, fit, other=None):
@@ -883,20 +321,17 @@ def write_comparison(folder, dataset, model, fit, other=None):
     other : (Model, Fit), optional
         A second model to draw over time.
     """
-    folder = folder / "figures"
-    floor = _floor(dataset, model, fit)
-    if has_plane(dataset):
-        save(manoeuvres(dataset), folder, "manoeuvres")
+    folder, floor = folder / "figures", noise_floor(dataset, model, fit)
+    save(drawings.manoeuvres(dataset), folder, "manoeuvres")
     if not dataset.averaged:
-        save(over_time(dataset, model, fit, other), folder, "over_time")
-    save(where_it_fails(dataset, model, fit, floor), folder, "where_it_fails")
-    save(residuals(dataset, model, fit, floor), folder, "residuals")
-    folder.mkdir(parents=True, exist_ok=True)
+        models = [(model, fit), other] if other else [(model, fit)]
+        window = drawings.worst_window(dataset, model, fit)
+        save(drawings.timeline(dataset, models, window=window), folder, "over_time")
+    save(drawings.where_it_fails(dataset, model, fit, floor), folder, "where_it_fails")
+    save(drawings.residuals(dataset, model, fit, floor), folder, "residuals")
     write_schematic(folder / "drive_train.svg", model, **coloured(model, errors(dataset, model, fit), dataset.units))
-    for channel in dataset.channels:
-        figure = maps(dataset, model, fit, channel)
-        if figure is not None:
-            save(figure, folder, f"map_{channel}")
+    for plot in drawings.first_maps(dataset, model, fit):
+        save(plot, folder, f"map_{plot.channel}")
 
 
 def write_figures(folder, dataset, improvement):
@@ -908,18 +343,18 @@ def write_figures(folder, dataset, improvement):
     dataset : Dataset
     improvement : Improvement
     """
-    base, last = improvement.steps[0], improvement.steps[-1]
-    more = len(improvement.steps) > 1
+    steps, found = improvement.steps, improvement.last
+    base, last = steps[0], steps[-1]
+    more = len(steps) > 1
     write_comparison(folder, dataset, base.model, base.fit, (last.model, last.fit) if more else None)
     folder = folder / "figures"
-    left = unexplained(dataset, improvement.last.unexplained) if improvement.last.unexplained else None
-    if left is not None:
-        save(left, folder, "unexplained")
-    save(candidates(improvement.first, held_out=base.held_out_error), folder, "candidates")
-    save(ladder(improvement, dataset), folder, "ladder")
+    save(drawings.unexplained(dataset, found.unexplained), folder, "unexplained")
+    save(drawings.candidates(improvement.first, held_out=base.held_out_error), folder, "candidates")
+    save(drawings.ladder(dataset, steps, found.noise_floor), folder, "ladder")
+    for before, after in zip(steps, steps[1:]):
+        name = "signature" if len(steps) == 2 else f"signature_{after.added[0]}_{after.added[1]}"
+        plot = drawings.signature(dataset, (before.model, before.fit), (after.model, after.fit), after.added)
+        save(plot, folder, name)
     if more:
-        for before, after in zip(improvement.steps, improvement.steps[1:]):
-            name = "signature" if len(improvement.steps) == 2 else f"signature_{after.added[0]}_{after.added[1]}"
-            save(signature(dataset, (before.model, before.fit), (after.model, after.fit), after.added), folder, name)
-        floor = _floor(dataset, last.model, last.fit)
-        save(residuals(dataset, last.model, last.fit, floor), folder, "residuals_after")
+        floor = noise_floor(dataset, last.model, last.fit)
+        save(drawings.residuals(dataset, last.model, last.fit, floor), folder, "residuals_after")

@@ -87,14 +87,12 @@
     });
   }
 
-  const NARROW = 560;  // px, below which two maps stand one under the other
+  const NARROW = 560;  // px, below which two panels stand one under the other
   function stack(layout) {
     [layout.xaxis, layout.xaxis2].forEach(a => { a.domain = [0, 1]; });
-    [[layout.yaxis, layout.annotations[0], 0.58, 1], [layout.yaxis2, layout.annotations[1], 0, 0.42]].forEach(([axis, name, low, high]) => {
-      axis.domain = [low, high];
-      Object.assign(name, { x: 0.5, y: high });
-    });
-    layout.yaxis2.title = layout.yaxis.title;
+    layout.yaxis.domain = [0.6, 1];
+    layout.yaxis2.domain = [0, 0.4];
+    layout.yaxis2.title = layout.yaxis2.title.text ? layout.yaxis2.title : layout.yaxis.title;
     layout.height = 640;
   }
 

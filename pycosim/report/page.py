@@ -21,7 +21,7 @@ from ..data.frames import Frame
 from ..diagnosis.compare import worded
 from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
-from . import cards, charts, findings, records, schematic, sentences
+from . import cards, charts, drawings, findings, records, schematic, sentences
 from .sentences import finite
 from .verdict import Verdict
 
@@ -120,10 +120,12 @@ class Page:
                 "room": charts.ROOM,
                 "time": charts.packed(time, True) if time is not None else [], "charts": told}
 
-    def _keep(self, chart):
-        if chart is not None:
-            self.charts.append(chart)
-        return chart
+    def _keep(self, plot):
+        """The chart of a plot, among those of the page."""
+        if plot is None:
+            return None
+        self.charts.append(charts.chart(plot))
+        return self.charts[-1]
 
     # ---- what the data check says
 
@@ -153,7 +155,7 @@ class Page:
                  sum(b - a + 1 for a, b in log.dropped)) for k, log in enumerate(d.logs)]
         header = "run", "samples", "duration [s]", "rate [Hz]", "moving [%]", "held out whole", "rows left out"
         runs = _table("Runs", header, rows)
-        return {"lines": lines, "tables": [runs, self._excitation()], "plane": self._keep(charts.plane(d))}
+        return {"lines": lines, "tables": [runs, self._excitation()], "plane": self._keep(drawings.manoeuvres(d))}
 
     def _excitation(self):
         """What the log varies, as the diagnosis says it."""
@@ -164,13 +166,13 @@ class Page:
     # ---- model and measurement
 
     def _timeline(self):
-        return None if self.dataset.averaged else self._keep(charts.timeline(self.dataset, self.models))
+        return None if self.dataset.averaged else self._keep(drawings.timeline(self.dataset, self.models))
 
     def _where(self):
         d, (variable, _) = self.dataset, self._blamed()
-        found = {"maps": charts.maps(d, self.models),
-                 "profiles": charts.profiles(d, self.models, also=[variable] if variable else ()),
-                 "groups": charts.groups(d, self.models, self.floor)}
+        found = {"maps": drawings.maps(d, self.models),
+                 "profiles": drawings.profiles(d, self.models, self.floor, also=[variable] if variable else ()),
+                 "groups": drawings.groups(d, self.models, self.floor)}
         found = {name: [self._keep(chart) for chart in self._opened(group)] for name, group in found.items()}
         depends = [f"{worded(e['variable'])} ({100 * e['strength']:.0f} %)"
                    for e in self.first["residual_depends_on"][:4] if e["strength"] > MATTERS]
@@ -189,7 +191,7 @@ class Page:
         table = _table("All that was tested, best first", ("effect", "place", "chance alone does as much in",
                                                            "error with it, predicted", "what became of it"), rows)
         left = self.found.last.unexplained
-        chart = self._keep(charts.unexplained(self.dataset, left)) if left else None
+        chart = self._keep(drawings.unexplained(self.dataset, left))
         return {"lines": lines, "map": chart, "cards": shown, "rest": table}
 
     def _rivals(self, shown):
@@ -236,7 +238,7 @@ class Page:
             line += f"; on held-out passes {self._change(before.held_out_error, step.held_out_error)}"
         predicted = step.finding.predicted_error if step.finding is not None else None
         line += f"; predicted before any refit: {self._errors(predicted)}." if predicted else "."
-        chart = charts.signature(self.dataset, (before.model, before.fit), (step.model, step.fit), step.added)
+        chart = drawings.signature(self.dataset, (before.model, before.fit), (step.model, step.fit), step.added)
         return {"effect": effect, "place": place, "description": f"{find_effect(self.library, effect).description}.",
                 "lines": [line], "accepted": True, "status": f"added, step {k}", "chart": self._keep(chart)}
 
@@ -263,7 +265,7 @@ class Page:
         if finding.fit is not None and not told.get("explained_by"):
             base = self.found.steps[0]
             model = compile_model(self.library, base.model.rig, [*base.model.keys, key])
-            chart = charts.signature(self.dataset, (base.model, base.fit), (model, finding.fit), key)
+            chart = drawings.signature(self.dataset, (base.model, base.fit), (model, finding.fit), key)
             chart.id = f"rival_{chart.id}"
         return {"effect": effect, "place": place, "description": f"{find_effect(self.library, effect).description}.",
                 "lines": lines, "accepted": False, "chart": self._keep(chart), "status": self._fate(told)}
@@ -277,7 +279,7 @@ class Page:
         told = self.dataset.held_out_ranges()
         seconds = sum(b - a for _, a, b in told)
         lines = [f"{len(told)} passes out and back, {seconds:.4g} s, were held out of every fit and of every choice."]
-        return {"lines": lines, "chart": self._keep(charts.ladder(self.dataset, steps, self.floor)),
+        return {"lines": lines, "chart": self._keep(drawings.ladder(self.dataset, steps, self.floor)),
                 "table": _table("Errors, step by step (RMSE of moving samples)",
                                 ("model", "fitted passes", "held-out passes"), rows)}
 
@@ -288,7 +290,7 @@ class Page:
                 for n, v in p["parameters"].items()]
         words = sentences.summary_parameters(p)
         lines = [line for line in words if line.startswith(("Not determined", "Weak", "Error"))]
-        return {"lines": lines, "chart": self._keep(charts.intervals(p)),
+        return {"lines": lines, "chart": self._keep(drawings.intervals(p)),
                 "table": _table("Fitted parameters", ("parameter", "value", "95 %", "unit", "", "meaning"), rows)}
 
     # ---- next, again

@@ -1,27 +1,25 @@
-"""A workspace or a plan in; its figures, as vector PDF with a PNG preview, out."""
+"""A workspace or a plan in; descriptions of its plots, and its figures as files, out."""
 
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ..design.motion import REST, TRANSFER
-from .figures import BLUE, COLUMN, GREEN, GREY, LINES, PAGE, RED, TONES, _styled, _titled, save
+from .figures import save
+from .plot import Area, Arrow, Axis, Band, Line, Look, Panel, Plot, Text, curve
 
-WORDS = {"w": "speed [rad/s]", "tau": r"torque [N$\,$m]"}
+EDGE = Look("ink", "dot")
+INTERVAL = 3.92  # widths of a 95 % interval: twice 1.96 standard deviations
 
 
 def _closed(points):
     return np.vstack([points, points[:1]]).T
 
 
-def _axis(name):
-    """A motor's or joint's name as a symbol."""
-    head, _, index = name.partition("_")
-    return rf"${head}_\mathrm{{{index}}}$" if index else name
+def _angles(ws):
+    return [Axis(motor, "rad") for motor in ws.kinematics.motors]
 
 
-@_styled
 def workspace(ws):
     """Reachable motor angles, the lines through the middle on which a segment stands still, and the zones between.
 
@@ -30,96 +28,68 @@ def workspace(ws):
     Parameters
     ----------
     ws : Workspace
-        Of a rig with two motors.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    Plot or None
+        None of a rig without two motors.
     """
-    figure = Figure(figsize=(COLUMN, 3.2))
-    axes = figure.add_subplot()
-    axes.fill(*_closed(ws.vertices), color=GREY, alpha=0.12, lw=0)
-    axes.plot(*_closed(ws.vertices), color="black", lw=1.0, ls=":")
-    _stops(axes, ws)
-    centre, _ = ws.centre
-    _still(axes, ws, centre)
-    size = np.ptp(ws.vertices, axis=0).min()
+    if len(ws.kinematics.motors) != 2:
+        return None
+    centre, size = ws.centre[0], np.ptp(ws.vertices, axis=0).min()
+    marks = [Area(*_closed(ws.vertices)), Line(*_closed(ws.vertices), EDGE), *_stops(ws, 0.045 * size)]
+    for k, (row, segments) in enumerate(ws.still):
+        along = np.array([-row[1], row[0]])
+        ends = [centre + along * ws.reach(centre, along), centre - along * ws.reach(centre, -along)]
+        marks.append(Line(*np.array(ends).T, curve(k, width=0.9), f"{', '.join(ws.kinematics.places[s] for s in segments)} still"))
     for k, zone in enumerate(ws.zones):
-        tip = centre + zone.direction / np.linalg.norm(zone.direction) * 0.3 * size
-        axes.annotate("", tip, centre, arrowprops={"arrowstyle": "-|>", "color": GREEN, "lw": 1.0})
-        beyond = centre + (tip - centre) * 1.15
-        axes.text(*beyond, str(k + 1), ha="center", va="center", color=GREEN)
-    axes.plot(*centre, "o", color="black", ms=3)
-    _label(axes, ws)
-    _titled(figure, "Where the motors can go, and zones of direction")
-    return figure
+        way = zone.direction / np.linalg.norm(zone.direction) * 0.3 * size
+        marks += [Arrow(tuple(centre), tuple(centre + way), Look("third")),
+                  Text(*(centre + 1.15 * way), str(k + 1), "third")]
+    marks.append(Line(*centre[:, None], Look("ink", "", marker="circle")))
+    return Plot("workspace", "Where the motors can go, and zones of direction", "Reachable motor angles, the lines on "
+                "which a segment stands still, and numbered zones of direction between them.",
+                [[Panel(*_angles(ws), marks, equal=True)]], height=3.2)
 
 
-def _label(axes, ws):
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"{ws.kinematics.motors[0]} [rad]")
-    axes.set_ylabel(f"{ws.kinematics.motors[1]} [rad]")
-
-
-def _stops(axes, ws):
+def _stops(ws, aside):
     """The limit that each edge is, in words beside it."""
     a, b, _ = ws.limits.halfspaces
     names = [n for n, low, high in zip(ws.limits.names, ws.limits.low, ws.limits.high)
              for end in (high, low) if np.isfinite(end)]
-    corners = ws.vertices
-    for first, second in zip(corners, np.roll(corners, -1, axis=0)):
-        middle = (first + second) / 2
+    for first, second in zip(ws.vertices, np.roll(ws.vertices, -1, axis=0)):
         on = [k for k in range(len(b)) if abs(a[k] @ first - b[k]) < 1e-6 and abs(a[k] @ second - b[k]) < 1e-6]
         if on:
-            way = second - first
-            turn = np.degrees(np.arctan2(way[1], way[0]))
+            turn = np.degrees(np.arctan2(*(second - first)[::-1]))
             turn = turn - 180 if turn > 90 else turn + 180 if turn < -90 else turn
-            outward = a[on[0]] / np.linalg.norm(a[on[0]])
-            axes.annotate(" + ".join(_axis(t.strip()) for t in names[on[0]].split("+")), middle, outward * 7,
-                          textcoords="offset points", rotation=turn, rotation_mode="anchor", ha="center", va="center",
-                          fontsize=7)
+            yield Text(*((first + second) / 2 + aside * a[on[0]] / np.linalg.norm(a[on[0]])), names[on[0]], angle=turn)
 
 
-def _still(axes, ws, centre):
-    for k, (row, segments) in enumerate(ws.still):
-        along = np.array([-row[1], row[0]])
-        ends = [centre + along * ws.reach(centre, along), centre - along * ws.reach(centre, -along)]
-        names = ", ".join(ws.kinematics.places[s] for s in segments)
-        axes.plot(*np.array(ends).T, color=RED, lw=0.9, ls=LINES[k % len(LINES)], label=names)
-    axes.legend(title="stands still", title_fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-
-
-@_styled
 def domains(ws):
     """Attainable joint torques and speeds, without friction: of this transmission, and of one motor a joint.
 
     Parameters
     ----------
     ws : Workspace
-        Of a rig with two joints.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    Plot or None
+        None of a rig without two joints or without limits of the torque.
     """
-    figure = Figure(figsize=(PAGE * 0.75, 2.5))
-    both = [(d, w, u) for d, w, u in ((ws.torques, "torque", r"N$\,$m"), (ws.rates, "speed", "rad/s"))
-            if np.isfinite(d()[0]).all()]
-    for k, (domain, what, unit) in enumerate(both):
-        axes = figure.add_subplot(1, len(both), k + 1)
+    if len(ws.kinematics.joints) != 2 or not np.isfinite(ws.limits.torque).all():
+        return None
+    columns = []
+    for domain, what, unit in ((ws.torques, "torque", "N.m"), (ws.rates, "speed", "rad/s")):
         coupled, single = domain()
-        axes.fill(*_closed(coupled), color=BLUE, alpha=0.15, lw=0)
-        axes.plot(*_closed(coupled), color=BLUE, label="coupled")
-        axes.plot(*_closed(single), color=RED, ls="--", label="one motor a joint")
-        axes.set_aspect("equal")
-        for name, set_label in zip(ws.kinematics.joints, (axes.set_xlabel, axes.set_ylabel)):
-            set_label(f"{what} of {_axis(name)} [{unit}]")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    _titled(figure, "What the joints can do")
-    return figure
+        if np.isfinite(coupled).all():
+            marks = [Area(*_closed(coupled), "after"), Line(*_closed(coupled), Look("after"), "coupled"),
+                     Line(*_closed(single), Look("before", "dash"), "one motor a joint")]
+            columns.append([Panel(*(Axis(f"{what} of {n}", unit) for n in ws.kinematics.joints), marks, equal=True)])
+    return Plot("domains", "What the joints can do", "Attainable torques and speeds of the joints, without friction: "
+                "of this transmission, and of one motor a joint.", columns, width=1.5, height=2.7)
 
 
-@_styled
 def motion(plan):
     """The planned motion: in the reachable motor angles where there are two, and over time.
 
@@ -129,44 +99,29 @@ def motion(plan):
 
     Returns
     -------
-    matplotlib.figure.Figure
+    Plot
     """
     ws, moved = plan.known.workspace, plan.motion
-    plane = len(ws.kinematics.motors) == 2
-    figure = Figure(figsize=(PAGE, 3.0))
-    grid = figure.add_gridspec(3, 2 if plane else 1, width_ratios=[1, 1.5] if plane else None)
-    if plane:
-        axes = figure.add_subplot(grid[:, 0])
-        axes.plot(*_closed(ws.vertices), color="black", lw=1.0, ls=":")
-        way = moved.label == TRANSFER
-        axes.plot(*np.where(way, moved.angle, np.nan), color=GREY, lw=0.5)
-        for k, s in enumerate(moved.strokes):
-            axes.plot(*s.ends.T, color=TONES[k % len(TONES)], ls=LINES[k % len(LINES)], lw=1.4, marker="|", ms=3)
-        _label(axes, ws)
-    _over_time(figure, grid, plan, int(plane))
-    _titled(figure, "The planned motion")
-    return figure
+    columns = [_over_time(plan)]
+    if len(ws.kinematics.motors) == 2:
+        way = np.where(moved.label == TRANSFER, moved.angle, np.nan)
+        marks = [Line(*_closed(ws.vertices), EDGE), Line(*way, Look("muted", width=0.5))]
+        marks += [Line(*s.ends.T, curve(k, width=1.4, marker="tick")) for k, s in enumerate(moved.strokes)]
+        columns.insert(0, [Panel(*_angles(ws), marks, equal=True)])
+    return Plot("motion", "The planned motion", "The motion of the motors over time, and in the plane of two motors' "
+                "angles; grey: what is held out of the fit.", columns, (1, 1.5)[-len(columns):], width=2, height=3.0)
 
 
-def _over_time(figure, grid, plan, column):
+def _over_time(plan):
     moved, motors = plan.motion, plan.known.workspace.kinematics.motors
-    rows = [("angle [rad]", moved.angle), (WORDS["w"], moved.speed)]
-    rows += [] if plan.torque is None else [(WORDS["tau"], plan.torque)]
-    first = None
-    for k, (name, values) in enumerate(rows):
-        first = axes = figure.add_subplot(grid[k, column], sharex=first)
-        for i, motor in enumerate(motors):
-            axes.plot(moved.time, values[i], color=TONES[i], ls=LINES[i % 2], lw=0.6, label=motor)
-        for a, b in moved.held_out:
-            axes.axvspan(a, b, color=GREY, alpha=0.25, lw=0, label="held out" if a == moved.held_out[0][0] else None)
-        axes.set_ylabel(name)
-        axes.tick_params(labelbottom=k == len(rows) - 1)
-    axes.set_xlabel("time [s]")
-    axes.set_xlim(0, moved.time[np.flatnonzero(moved.label != REST)[-1]])
-    figure.axes[column].legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    rows = [(Axis("angle", "rad"), moved.angle), (Axis("speed", "rad/s"), moved.speed)]
+    rows += [] if plan.torque is None else [(Axis("torque", "N.m"), plan.torque)]
+    held_out = [Band(a, b, "" if k else "held out", True) for k, (a, b) in enumerate(moved.held_out)]
+    time = Axis("time", "s", low=0.0, high=float(moved.time[np.flatnonzero(moved.label != REST)[-1]]))
+    return [Panel(time, y, [*held_out, *(Line(moved.time, v, curve(i, width=0.6), motor, signal=True)
+                                         for i, (motor, v) in enumerate(zip(motors, values)))]) for y, values in rows]
 
 
-@_styled
 def intervals(plan):
     """Widths of the 95 % intervals over the parameters' nominal sizes: known now, and after the experiment.
 
@@ -176,24 +131,21 @@ def intervals(plan):
 
     Returns
     -------
-    matplotlib.figure.Figure
+    Plot or None
+        None where no parameter is free.
     """
-    k = plan.known
+    k, at = plan.known, np.arange(len(plan.known.free))
+    if not k.free:
+        return None
     scale = np.array([k.model.parameters[n].nominal for n in k.free])
-    before, after = (3.92 * np.sqrt(np.diag(c)) / scale for c in (np.linalg.inv(k.prior), plan.covariance))
-    figure = Figure(figsize=(COLUMN, 0.6 + 0.22 * len(k.free)))
-    axes = figure.add_subplot()
-    at = np.arange(len(k.free))
-    axes.hlines(at, after, before, color=GREY, lw=0.8)
-    axes.plot(before, at, "s", color=RED, mfc="white", label="now")
-    axes.plot(after, at, "o", color=BLUE, label="after the experiment")
-    axes.set_xscale("log")
-    axes.set_yticks(at, k.free)
-    axes.invert_yaxis()
-    axes.set_xlabel("width of the 95 % interval over nominal size")
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.1)
-    _titled(figure, "What the experiment would bring")
-    return figure
+    now, then = (INTERVAL * np.sqrt(np.diag(c)) / scale for c in (np.linalg.inv(k.prior), plan.covariance))
+    marks = [Line(now, at, Look("before", "", marker="square", open=True), "now"),
+             Line(then, at, Look("after", "", 0.8, "circle"), "after the experiment",
+                  reach=(np.minimum(now, then), np.maximum(now, then)))]
+    panel = Panel(Axis("width of the 95 % interval over nominal size", log=True),
+                  Axis("parameter", names=k.free, falling=True), marks)
+    return Plot("intervals", "What the experiment would bring", "Widths of the 95 % intervals over the parameters' "
+                "nominal sizes, now and after the experiment.", [[panel]], height=0.9 + 0.22 * len(k.free))
 
 
 def write_plan(folder, plan):
@@ -204,11 +156,7 @@ def write_plan(folder, plan):
     folder : Path
     plan : Plan
     """
-    ws, folder = plan.known.workspace, folder / "figures"
-    if len(ws.kinematics.motors) == 2:
-        save(workspace(ws), folder, "workspace")
-    if len(ws.kinematics.joints) == 2 and np.isfinite(ws.limits.torque).all():
-        save(domains(ws), folder, "domains")
-    save(motion(plan), folder, "motion")
-    if plan.known.free:
-        save(intervals(plan), folder, "intervals")
+    ws = plan.known.workspace
+    for plot in (workspace(ws), domains(ws), motion(plan), intervals(plan)):
+        if plot is not None:
+            save(plot, folder / "figures", plot.id)

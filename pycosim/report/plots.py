@@ -1,6 +1,6 @@
 """A fit, a diagnosis, a search or a plan in; Axes that a user can go on with, out.
 
-All is drawn by `figures` and `plan_figures`; here each figure is handed out, and shown where there is a notebook.
+All is described by `drawings` and `plan_figures`; here each plot is drawn, handed out, and shown in a notebook.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import PycosimError, UnknownNameError, closest
-from . import figures, plan_figures
+from ..diagnosis.dependence import noise_floor
+from . import drawings, figures, plan_figures
 
 DOTS = 150  # an inch, in a notebook
 
@@ -21,12 +22,12 @@ class PlotError(PycosimError):
     """There is nothing to draw."""
 
 
-def handed(figure: Any, none: str = "there is nothing to draw") -> Any:
-    """The Axes of a figure; in a notebook the figure is shown as well.
+def handed(plot: Any, none: str = "there is nothing to draw") -> Any:
+    """Draw a plot, and hand out its Axes; in a notebook the figure is shown as well.
 
     Parameters
     ----------
-    figure : matplotlib.figure.Figure or None
+    plot : Plot or None
     none : str
         Why there is none.
 
@@ -39,6 +40,7 @@ def handed(figure: Any, none: str = "there is nothing to draw") -> Any:
     ------
     PlotError
     """
+    figure = figures.figure(plot)
     if figure is None:
         raise PlotError(none)
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
@@ -66,17 +68,28 @@ class FitPlots:
     def __init__(self, dataset: Any, model: Any, fit: Any, record: dict[str, Any]):
         self._dataset, self._model, self._fit, self._record = dataset, model, fit, record
 
+    def _floor(self) -> dict[str, float]:
+        return noise_floor(self._dataset, self._model, self._fit)
+
     def over_time(self) -> Any:
-        """Speeds, measured and modelled outputs, and what is left; see `figures.over_time`.
+        """Speeds, measured and modelled outputs, and what is left; see `drawings.timeline`.
 
         Returns
         -------
         ndarray of matplotlib.axes.Axes
+
+        Raises
+        ------
+        PlotError
+            Each run is one sample.
         """
-        return handed(figures.over_time(self._dataset, self._model, self._fit))
+        if self._dataset.averaged:
+            raise PlotError("each run is one sample, its mean: there is nothing to draw over time")
+        window = drawings.worst_window(self._dataset, self._model, self._fit)
+        return handed(drawings.timeline(self._dataset, [(self._model, self._fit)], window=window))
 
     def residuals(self, over: str | None = None, channel: str | None = None) -> Any:
-        """Residual against what it may depend on; see `figures.residuals`.
+        """Residual against what it may depend on; see `drawings.residuals`.
 
         Parameters
         ----------
@@ -95,19 +108,19 @@ class FitPlots:
         """
         if channel is not None and channel not in self._dataset.channels:
             raise UnknownNameError(f"no channel '{channel}'{closest(channel, self._dataset.channels)}")
-        return handed(figures.residuals(self._dataset, self._model, self._fit, over=over, channel=channel))
+        return handed(drawings.residuals(self._dataset, self._model, self._fit, self._floor(), over, channel))
 
     def where_it_fails(self) -> Any:
-        """Error by manoeuvre, by branch and by run; see `figures.where_it_fails`.
+        """Error by manoeuvre, by branch and by run; see `drawings.where_it_fails`.
 
         Returns
         -------
         matplotlib.axes.Axes, or ndarray of them
         """
-        return handed(figures.where_it_fails(self._dataset, self._model, self._fit))
+        return handed(drawings.where_it_fails(self._dataset, self._model, self._fit, self._floor()))
 
     def map(self, channel: str | None = None) -> Any:
-        """Error over the plane that it is most concentrated on; see `figures.maps`.
+        """Error over the plane that it is most concentrated on; see `drawings.first_maps`.
 
         Parameters
         ----------
@@ -123,20 +136,20 @@ class FitPlots:
         PlotError
             The rig has no such plane.
         """
-        drawn = figures.maps(self._dataset, self._model, self._fit, channel)
-        return handed(drawn, "this rig has no plane to draw over")
+        found = {p.channel: p for p in drawings.first_maps(self._dataset, self._model, self._fit)}
+        return handed(found.get(channel or self._dataset.channels[0]), "this rig has no plane to draw over")
 
     def intervals(self) -> Any:
-        """Parameters with their 95 % intervals; see `figures.intervals`.
+        """Parameters with their 95 % intervals; see `drawings.intervals`.
 
         Returns
         -------
         matplotlib.axes.Axes
         """
-        return handed(figures.intervals(self._record))
+        return handed(drawings.intervals(self._record))
 
     def manoeuvres(self) -> Any:
-        """The passes in motor space; see `figures.manoeuvres`.
+        """The passes in motor space; see `drawings.manoeuvres`.
 
         Returns
         -------
@@ -147,8 +160,7 @@ class FitPlots:
         PlotError
             The rig has one motor.
         """
-        drawn = figures.manoeuvres(self._dataset) if figures.has_plane(self._dataset) else None
-        return handed(drawn, "this rig has no two motors to draw over")
+        return handed(drawings.manoeuvres(self._dataset), "this rig has no two motors to draw over")
 
 
 class DiagnosisPlots:
@@ -164,7 +176,7 @@ class DiagnosisPlots:
         self._dataset, self._found = dataset, found
 
     def candidates(self, most: int = 10) -> Any:
-        """Candidates that promise the largest fall of the error; see `figures.candidates`.
+        """Candidates that promise the largest fall of the error; see `drawings.candidates`.
 
         Parameters
         ----------
@@ -174,10 +186,10 @@ class DiagnosisPlots:
         -------
         matplotlib.axes.Axes
         """
-        return handed(figures.candidates(self._found, most))
+        return handed(drawings.candidates(self._found, most))
 
     def unexplained(self) -> Any:
-        """Where a residual that no effect explains lives; see `figures.unexplained`.
+        """Where a residual that no effect explains lives; see `drawings.unexplained`.
 
         Returns
         -------
@@ -188,8 +200,7 @@ class DiagnosisPlots:
         PlotError
             Nothing is unexplained, or one variable alone matters.
         """
-        left = self._found.unexplained
-        return handed(figures.unexplained(self._dataset, left) if left else None,
+        return handed(drawings.unexplained(self._dataset, self._found.unexplained),
                       f"the verdict is {self._found.verdict}, and no map of what is left was made")
 
 
@@ -206,16 +217,16 @@ class SearchPlots:
         self._dataset, self._found = dataset, found
 
     def path(self) -> Any:
-        """Error at every step, on fitted and on held-out passes; see `figures.ladder`.
+        """Error at every step, on fitted and on held-out passes; see `drawings.ladder`.
 
         Returns
         -------
         matplotlib.axes.Axes
         """
-        return handed(figures.ladder(self._found, self._dataset))
+        return handed(drawings.ladder(self._dataset, self._found.steps, self._found.last.noise_floor))
 
     def signature(self, step: int = 1) -> Any:
-        """What the effect of a step looks like; see `figures.signature`.
+        """What the effect of a step looks like; see `drawings.signature`.
 
         Parameters
         ----------
@@ -279,13 +290,12 @@ class PlanPlots:
         PlotError
             The rig has one motor.
         """
-        ws = self._planned.known.workspace
-        return handed(plan_figures.workspace(ws) if len(ws.kinematics.motors) == 2 else None,
+        return handed(plan_figures.workspace(self._planned.known.workspace),
                       "this rig has no two motors to draw over")
 
 
 def signature(dataset: Any, before: tuple[Any, Any], after: tuple[Any, Any], key: tuple[str, str]) -> Any:
-    """What a missing effect looks like; see `figures.signature`.
+    """What a missing effect looks like; see `drawings.signature`.
 
     Parameters
     ----------
@@ -298,4 +308,4 @@ def signature(dataset: Any, before: tuple[Any, Any], after: tuple[Any, Any], key
     -------
     matplotlib.axes.Axes, or ndarray of them
     """
-    return handed(figures.signature(dataset, before, after, key))
+    return handed(drawings.signature(dataset, before, after, key))

@@ -18,6 +18,7 @@ from ..diagnosis.dependence import explanations
 PIXELS = 1200  # across a page, in a preview of 170 dots an inch
 BINS, FULL = 14, 0.15  # bins, and the share of an equal filling below which one is not shown
 CELLS = 12  # of a map, along either axis
+TOLD = 2.0  # smallest share of the energy that a cell of a map tells [%]
 ENOUGH = 100_000  # samples for a mean in a bin; a longer log is thinned evenly, never where extremes are drawn
 
 
@@ -67,6 +68,10 @@ def ideal(dataset):
     -------
     dict of str to ndarray, shape (n,), or None where a rig's segments have no f0
     """
+    return dataset.memo(("values", "ideal"), lambda: _ideal(dataset))
+
+
+def _ideal(dataset):
     model = compile_model(dataset.library, dataset.study.rig)
     values = {n: v.value for n, v in dataset.variables(model).items()}
     lossless = {f"{c}.{p}": v for c in model.segments for p, v in (("f0", 0.0), ("mu", 1.0)) if f"{c}.{p}" in values}
@@ -221,6 +226,29 @@ def explained_share(values, residual, forward):
             for r in residual:
                 explained += np.sum(np.bincount(bins, r[where], BINS) ** 2 / number) / np.sum(r ** 2)
     return explained
+
+
+def direction(residual, known):
+    """Samples in which the segment whose speed matters most goes forward, and its place.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (channels, n)
+    known : dict of str to ndarray, shape (n,)
+        As `pycosim.diagnosis.dependence.explanations` gives them.
+
+    Returns
+    -------
+    forward : ndarray of bool, shape (n,)
+    place : str
+        Empty where no speed is known: then all samples are forward.
+    """
+    everything = np.ones(residual.shape[1], bool)
+    speeds = [n for n in known if n.startswith("speed@")]
+    if not speeds:
+        return everything, ""
+    best = max(speeds, key=lambda n: explained_share(known[n], residual, everything))
+    return known[best] > 0, best.partition("@")[2]
 
 
 def signature_values(dataset, before, after, key):
@@ -452,21 +480,19 @@ def residual_map(x, y, residual):
             "rmse": rmse.reshape(-1, *shape), "energy": energy.reshape(-1, *shape)}
 
 
-def signed_shares(mean, share, least=2.0):
+def signed_shares(mean, share):
     """Labels of the cells of a map: the share of the energy, with the sign of the mean; empty for small shares.
 
     Parameters
     ----------
     mean, share : ndarray, shape (rows, columns)
         The share in percent.
-    least : float
-        Smallest share that is told [%].
 
     Returns
     -------
     list of list of str
     """
-    return [[f"{math.copysign(s, m):+.0f}" if s >= least else "" for m, s in zip(*row)]
+    return [[f"{math.copysign(s, m):+.0f}" if s >= TOLD else "" for m, s in zip(*row)]
             for row in zip(mean, share)]
 
 

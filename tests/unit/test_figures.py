@@ -14,7 +14,7 @@ from pycosim.diagnosis.dependence import noise_floor
 from pycosim.fit import least_squares
 from pycosim.fit.nullspace import number
 from pycosim.project import Search, open_project
-from pycosim.report import charts, figures, records, sentences
+from pycosim.report import charts, drawings, figures, records, sentences
 from pycosim.report.values import PIXELS, envelope
 from pycosim.study.parse import load_study
 
@@ -32,17 +32,24 @@ def improvement(searched):
 
 
 def _all(dataset, improvement):
-    base, last = ((s.model, s.fit) for s in improvement.steps)
-    return {
-        "manoeuvres": figures.manoeuvres(dataset), "over_time": figures.over_time(dataset, *base, last),
-        "where_it_fails": figures.where_it_fails(dataset, *base), "residuals": figures.residuals(dataset, *base),
-        "signature": figures.signature(dataset, base, last, improvement.steps[1].added),
-        "maps": figures.maps(dataset, *base), "intervals": figures.intervals(records.parameters(*reversed(last), 0)),
-        "ladder": figures.ladder(improvement, dataset), "candidates": figures.candidates(improvement.first)}
+    steps = improvement.steps
+    base, last = ((s.model, s.fit) for s in steps)
+    floor = noise_floor(dataset, *base)
+    plots = {
+        "manoeuvres": drawings.manoeuvres(dataset), "over_time": drawings.timeline(
+            dataset, [base, last], window=drawings.worst_window(dataset, *base)),
+        "where_it_fails": drawings.where_it_fails(dataset, *base, floor),
+        "residuals": drawings.residuals(dataset, *base, floor),
+        "signature": drawings.signature(dataset, base, last, steps[1].added),
+        "maps": drawings.first_maps(dataset, *base)[0],
+        "intervals": drawings.intervals(records.parameters(*reversed(last), 0)),
+        "ladder": drawings.ladder(dataset, steps, floor), "candidates": drawings.candidates(improvement.first)}
+    return {name: figures.figure(plot) for name, plot in plots.items()}
 
 
-NAMES = ("Manoeuvre", "Branch of segment", "Run", "Model", "Candidate", "Parameter", "Log", "Sign of the speed",
-         "Value over the larger end of its interval")  # axes of names and of ratios: no unit
+# axes of names and of ratios: no unit
+NAMES = ("Manoeuvre", *(f"Branch of {place}" for place in ("1A", "2A", "1B", "2B")), "Run", "Model",
+         "Candidate", "Parameter", "Log", "Sign of the speed", "Value over the larger end of its interval")
 
 
 def test_every_axis_has_a_label_with_a_unit_where_there_is_one_and_every_figure_a_title(dataset, improvement):
@@ -57,13 +64,15 @@ def test_every_axis_has_a_label_with_a_unit_where_there_is_one_and_every_figure_
                 continue
             bottom, left = axes.get_subplotspec().is_last_row(), axes.get_subplotspec().is_first_col()
             for text, needed in ((axes.get_xlabel(), bottom), (axes.get_ylabel(), left)):
-                assert not needed or text in NAMES or re.search(r"\[[^-1].*\]$", text), f"{name}: '{text}'"
+                rows = [t.get_text() for t in axes.get_yticklabels()][-1:] == ["manoeuvre"]  # named one by one
+                assert not needed or rows or text in NAMES or re.search(r"\[[^-1].*\]$", text), f"{name}: '{text}'"
 
 
 def test_candidates_are_told_apart_by_what_they_leave_and_what_became_of_them(improvement):
     base, last = improvement.steps
     told = [replace(c, held_out_error=last.held_out_error) if c.accepted else c for c in improvement.first.candidates]
-    figure = figures.candidates(replace(improvement.first, candidates=told), held_out=base.held_out_error)
+    figure = figures.figure(drawings.candidates(replace(improvement.first, candidates=told),
+                                                held_out=base.held_out_error))
     fates = [t.get_text() for t in figure.axes[0].texts]
     bars = {round(p.get_y() + p.get_height() / 2): p.get_width() for p in figure.axes[0].patches}
     assert fates[0] == "accepted" and "explained by stribeck at 2A" in fates
@@ -83,11 +92,11 @@ def test_curves_differ_without_colour(dataset, improvement):
 
 def test_signature_shows_the_hidden_effect_against_its_speed(dataset, improvement):
     base, last = ((s.model, s.fit) for s in improvement.steps)
-    figure = figures.signature(dataset, base, last, improvement.steps[1].added)
+    figure = figures.figure(drawings.signature(dataset, base, last, improvement.steps[1].added))
     assert figure.axes[0].get_xlabel() == "Speed of 2A [rad/s]"
     lines = {line.get_label(): line for line in figure.axes[1].get_lines()}
     missing, left = (np.asarray(lines[k].get_ydata()) for k in ("without the effect", "with it"))
-    speed = np.abs(lines["fitted effect"].get_xdata())
+    speed = np.abs(lines["the fitted effect"].get_xdata())
     _, _, hidden = demo.HIDDEN
     truth = hidden["fs"] * np.exp(-(speed / hidden["ws"]) ** 2)
     assert np.abs(missing - truth).max() < 0.15 * hidden["fs"]
@@ -95,7 +104,7 @@ def test_signature_shows_the_hidden_effect_against_its_speed(dataset, improvemen
 
 
 def test_still_lines_follow_from_the_motion(dataset):
-    found = figures._segment_directions(dataset)
+    found = drawings.still_directions(dataset)
     for place, (x, y) in {"1A": (0, 1), "2A": (1, 0), "1B": (1, 1), "2B": (1, 1)}.items():
         assert abs(found[place][0] * y - found[place][1] * x) < 1e-3 * np.hypot(x, y)
 
@@ -133,11 +142,11 @@ def test_the_demo_tells_what_was_found_and_what_was_hidden(dataset, improvement)
 def test_the_map_of_what_no_effect_explains_tells_energy_and_sign(dataset):
     left = {"channel": "C_H", "map": {"x": "theta1", "y": "theta2", "x_edges": [0, 1, 2], "y_edges": [0, 1, 2],
                                       "mean": [[0.1, np.nan], [-0.2, 0.0]], "energy": [[0.5, 0.0], [0.49, 0.01]]}}
-    drawn = figures.unexplained(dataset, left)
-    assert [t.get_text() for t in drawn.axes[0].texts] == ["+50", "", "-49", ""]
-    chart = charts.unexplained(dataset, left)
+    plot = drawings.unexplained(dataset, left)
+    assert [t.get_text() for t in figures.figure(plot).axes[0].texts] == ["+50", "", "-49", ""]
+    chart = charts.chart(plot)
     assert chart.traces[0]["text"] == [["+50", ""], ["-49", ""]] and "energy in percent" in chart.caption
-    assert figures.unexplained(dataset, {**left, "map": None}) is None
+    assert drawings.unexplained(dataset, {**left, "map": None}) is None
 
 
 def test_where_every_run_is_one_sample_no_noise_floor_is_drawn_or_told(tmp_path):
@@ -154,7 +163,7 @@ def test_where_every_run_is_one_sample_no_noise_floor_is_drawn_or_told(tmp_path)
     floor = noise_floor(means, means.base, fit)
     assert np.isnan(floor["tau"]) and sentences.errors_text(floor, means.units) == "unknown"
     figures.write_comparison(tmp_path, means, means.base, fit)
-    bars = figures.where_it_fails(means, means.base, fit)
+    bars = figures.figure(drawings.where_it_fails(means, means.base, fit, floor))
     assert [t.get_text() for t in bars.axes[0].get_xticklabels()] == ["screw\nspeed < 0", "screw\nspeed > 0"]
     assert not bars.axes[0].get_lines() and "means held out" in sentences.summary_data(means)[0]
 
@@ -164,13 +173,13 @@ def test_the_two_main_colours_differ_in_grey():
         channels = [int(colour[k:k + 2], 16) / 255 for k in (1, 3, 5)]
         linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
         return 116 * np.dot(linear, (0.2126, 0.7152, 0.0722)) ** (1 / 3) - 16
-    assert abs(lightness(figures.RED) - lightness(figures.BLUE)) > 20
+    assert abs(lightness(figures.INKS["before"]) - lightness(figures.INKS["after"])) > 20
 
 
 def test_drawing_leaves_the_users_settings_alone(dataset):
     import matplotlib as mpl
     before = dict(mpl.rcParams)
-    figures.manoeuvres(dataset)
+    figures.figure(drawings.manoeuvres(dataset))
     assert dict(mpl.rcParams) == before
 
 

@@ -15,7 +15,7 @@ from pycosim.cli import demo
 from pycosim.data.checks.finding import Checked, Finding
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis.search import Improvement
-from pycosim.report import charts, consequence, controller, values
+from pycosim.report import charts, consequence, controller, drawings, values
 from pycosim.report.page import SECTIONS, Page, write_numbers, write_report
 
 
@@ -76,7 +76,7 @@ def test_the_error_that_is_shown_to_fall_is_the_ladders(found):
 def test_signature_follows_the_hidden_effect(found):
     dataset, improvement, _, _ = found
     before, after = ((s.model, s.fit) for s in improvement.steps)
-    chart = charts.signature(dataset, before, after, improvement.steps[1].added)
+    chart = charts.chart(drawings.signature(dataset, before, after, improvement.steps[1].added))
     line = next(t for t in chart.traces if t["name"] == "the fitted effect")
     hidden = demo.HIDDEN[2]
     truth = hidden["fs"] * np.exp(-(line["x"] / hidden["ws"]) ** 2)
@@ -98,7 +98,7 @@ def test_a_long_signal_keeps_its_extremes_in_the_page(found, monkeypatch):
     dataset, improvement, _, _ = found
     monkeypatch.setattr(charts, "BUCKETS", 500)
     step = improvement.steps[0]
-    chart = charts.timeline(dataset, [(step.model, step.fit)])
+    chart = charts.chart(drawings.timeline(dataset, [(step.model, step.fit)]))
     for channel in dataset.channels:
         residual = values.residual_over_time(dataset, step.model, step.fit)[channel]
         y = f"y{3 + 2 * dataset.channels.index(channel) + 1}"
