@@ -10,10 +10,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from pycosim.compile import Library, catalogue, compile_model
 from pycosim.dynamics.simulate import estimate
+from pycosim.report.figures import save
+from pycosim.report.plot import Axis, Line, Look, Panel, Plot
 
 RIG = "DriveTrain.Rigs.HipKnee"
 # effect: place, coefficients, output, variable to show it over
@@ -55,6 +56,7 @@ LABELS = {"s1A.w": "speed of 1A [rad/s]", "s1A.L": "load of 1A [N.m]", "s2A.L": 
           "time": "time [s]",
           "temperature": "temperature [degC]", "motor1.tau": "torque of motor 1 [N.m]",
           "der(der(motor1.phi))": "acceleration of motor 1 [rad/s2]"}
+COLUMNS = 4  # of the sheet
 UNITS = {"encoder_H": "hip encoder [rad]", "C_H": "hip torque [N.m]", "hip.computed": "hip torque [N.m]",
          "knee.computed": "knee torque [N.m]"}
 
@@ -107,11 +109,11 @@ def signatures(library):
                [(without[over][way], change[way]) for way in ways])
 
 
-def draw(axes, labels, parts):
-    """One signature: blue on the way out, red on the way back."""
-    for (x, y), colour, label in zip(parts, ("tab:blue", "tab:red"), ("out", "back")):
-        axes.plot(x, y, ".", ms=1, color=colour, label=label)
-    axes.set(**labels)
+def panel(labels, parts, legend):
+    """One signature: the way out, and the way back."""
+    axes = (Axis(*text.rstrip("]").split(" [")) for text in (labels["xlabel"], labels["ylabel"]))
+    return Panel(*axes, [Line(*xy, Look(tone, "", marker="point"), name) for xy, tone, name in zip(
+        parts, ("after", "before"), ("out", "back"))], labels["title"], legend=legend)
 
 
 def main():
@@ -121,19 +123,12 @@ def main():
     if missing:
         raise SystemExit(f"no signature for {', '.join(sorted(missing))}; add it to SHOWN")
     folder = Path(__file__).parent / "images" / "effects"
-    folder.mkdir(parents=True, exist_ok=True)
-    sheet = Figure(figsize=(13, 2.5 * -(-len(SHOWN) // 4)), layout="constrained")
-    every = sheet.subplots(-(-len(SHOWN) // 4), 4).ravel()
-    for axes, (effect, labels, parts) in zip(every, signatures(library)):
-        draw(axes, labels, parts)
-        single = Figure(figsize=(4.6, 3), layout="constrained")
-        draw(single.subplots(), labels, parts)
-        single.axes[0].legend(markerscale=8)
-        single.savefig(folder / f"{effect}.png", dpi=80)
-    for axes in every[len(SHOWN):]:
-        axes.set_axis_off()
-    every[0].legend(markerscale=8)
-    sheet.savefig(folder / "signatures.png", dpi=80)
+    columns = [[] for _ in range(COLUMNS)]
+    for k, (effect, labels, parts) in enumerate(signatures(library)):
+        columns[k % COLUMNS].append(panel(labels, parts, False))
+        save(Plot(effect, "", "", [[panel(labels, parts, True)]], height=2.4), folder, effect, ["png"])
+    save(Plot("signatures", "What each effect looks like", "", columns, width=2, height=1.4 * len(columns[0]),
+              apart=True), folder, "signatures", ["png"])
 
 
 if __name__ == "__main__":

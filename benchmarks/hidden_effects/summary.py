@@ -15,6 +15,8 @@ from scipy import stats
 
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects.run import right, sized
+from pycosim.report.figures import save
+from pycosim.report.plot import Axis, Cells, Panel, Plot
 
 TOP = """# Track record
 
@@ -161,21 +163,16 @@ def draw(rows, path):
     rows : list of dict
     path : Path
     """
-    from matplotlib.figure import Figure
     truths, answers, counts = confusion(rows)
     part = counts / counts.sum(1, keepdims=True)
-    figure = Figure((0.34 * len(answers) + 2.6, 0.26 * len(truths) + 2.2), layout="constrained")
-    axes = figure.subplots()
-    axes.imshow(part, cmap="Greys", vmin=0, vmax=1, aspect="auto")
-    for (i, j), n in np.ndenumerate(counts):
-        if n:
-            axes.text(j, i, n, ha="center", va="center", fontsize=7, color="w" if part[i, j] > 0.5 else "k")
-    axes.set_xticks(range(len(answers)), [a.replace("_", " ") for a in answers], rotation=90, fontsize=7)
-    axes.set_yticks(range(len(truths)), [t.replace("_", " ") for t in truths], fontsize=7)
-    axes.set_xlabel("named first by the diagnosis")
-    axes.set_ylabel("hidden in the log")
-    for end in (path.with_suffix(".pdf"), path.with_suffix(".png")):
-        figure.savefig(end, dpi=160)
+    x, y = (Axis(words, names=[n.replace("_", " ") for n in names], falling=falls) for words, names, falls in (
+        ("named first by the diagnosis", answers, False), ("hidden in the log", truths, True)))
+    edges = (np.arange(len(names) + 1) - 0.5 for names in (answers, truths))
+    texts = [[str(n) if n else "" for n in row] for row in counts]
+    cells = Cells(*edges, np.where(counts, part, np.nan), texts, 100 * part,
+                  Axis("share of the logs with it", "1"), 1.0)
+    save(Plot("confusion", "", "What was hidden, and what was named.", [[Panel(x, y, [cells])]], width=2,
+              height=0.2 * len(truths) + 2.2), path.parent, path.stem)
 
 
 def page(rows):

@@ -53,7 +53,7 @@ def main():
     run = log(LOAD)
     tell(run, LOAD)
     torque = (run["C_H"], run["C_K"], [(2 * T_R * TAU_PEAK, "peak"), (2 * T_R * TAU_NOMINAL, "nominal")],
-              T_R * TAU_PEAK, "torque [N$\\,$m]")
+              T_R * TAU_PEAK, "torque [N.m]")
     speed = run["w_H"], run["w_K"], [(W_MAX / T_R, "assumed limit")], W_MAX / T_R, "speed [rad/s]"
     last = run[run["time"] > run["time"].iloc[-1] - CYCLE].reset_index(drop=True)
     write(figure(last, (last["time"].to_numpy() / CYCLE) % 1.0, torque, speed), IMAGES, "sharing")

@@ -11,18 +11,20 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 import pycosim as pc
 from pycosim.compile import Library, component_name
 from pycosim.cosim.master import cosimulate
 from pycosim.cosim.scenario import load_scenario
+from pycosim.report.figures import save
+from pycosim.report.plot import MARKERS, Axis, Level, Line, Look, Panel, Plot, curve
 from pycosim.study.parse import load_study
 
 HERE = Path(__file__).parent
 STUDY = HERE.parent / "hip_knee" / "study.toml"
-IMAGE = HERE.parents[1] / "docs" / "images" / "loop"
+IMAGES = HERE.parents[1] / "docs" / "images"
 # widest 95 % interval, by the last part of the name: N.m and 1; both distal losses are hard to tell apart on any motion
 WANTED = {"f0": 8e-4, "mu": 2e-3}
 DISTAL = 0.03
@@ -110,25 +112,17 @@ def loop(out, budget=80.0, most=6, say=print):
 
 def draw(history):
     """Intervals and unseen sizes over experiments, each over what is wanted; below one is good enough."""
-    figure = Figure(figsize=(7.1, 3.0), layout="constrained")
-    both = (("interval over wanted", "widths", wanted),
-            ("unseen size over wanted", "unseen", lambda n: UNSEEN[tuple(n.split("@"))]))
-    for k, (label, key, most) in enumerate(both):
-        axes = figure.add_subplot(1, 2, k + 1)
-        names = list(dict.fromkeys(n for h in history for n in h[key]))
-        for i, name in enumerate(names):
-            points = [(j + 1, h[key][name] / most(name)) for j, h in enumerate(history) if name in h[key]]
-            axes.plot(*zip(*points), marker="os^Dv"[i % 5], ls=("-", "--", "-.", ":")[i % 4], lw=1, ms=3.5, label=name)
-        axes.axhline(1.0, color="black", lw=0.6)
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("{x:g}")
-        axes.tick_params(axis="y", which="both", labelsize=7)
-        axes.set_xticks(range(1, len(history) + 1))
-        axes.set_xlabel("experiment")
-        axes.set_ylabel(label)
-        axes.legend(fontsize=6, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-    return figure
+    columns = []
+    for words, key, most in (("interval over wanted", "widths", wanted),
+                             ("unseen size over wanted", "unseen", lambda n: UNSEEN[tuple(n.split("@"))])):
+        marks = [Level(1.0, Look("ink", width=0.6))]
+        for k, name in enumerate(dict.fromkeys(n for h in history for n in h[key])):
+            at, sizes = zip(*((j, h[key][name] / most(name)) for j, h in enumerate(history) if name in h[key]))
+            marks.append(Line(np.array(at), np.array(sizes), curve(k, marker=MARKERS[k % 4]), name))
+        x = Axis("experiment", names=[str(k + 1) for k in range(len(history))])
+        columns.append([Panel(x, Axis(words, log=True), marks, legend=True)])
+    return Plot("loop", "", "Intervals and unseen sizes after each experiment, over what is wanted.", columns, width=2,
+                height=3.4)
 
 
 def main():
@@ -139,10 +133,8 @@ def main():
     parser.add_argument("--most", type=int, default=6, help="experiments")
     args = parser.parse_args()
     history = loop(args.out, args.budget, args.most)
-    figure = draw(history)
-    for path in (args.out / "loop", IMAGE):
-        figure.savefig(path.with_suffix(".pdf"), metadata={"CreationDate": None})
-        figure.savefig(path.with_suffix(".png"), dpi=170, metadata={"Software": None})
+    for folder in (args.out, IMAGES):
+        save(draw(history), folder, "loop")
 
 
 if __name__ == "__main__":

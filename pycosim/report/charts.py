@@ -28,7 +28,7 @@ ROOM = 40  # names of passes that fit side by side
 INCH = 150  # px of a screen for an inch of a figure
 THICK = 1.2  # px of a thin line
 MARKERS = {"circle": "circle", "square": "square", "triangle": "triangle-up", "diamond": "diamond", "cross": "x",
-           "tick": "line-ns"}
+           "tick": "line-ns", "point": "circle"}
 
 
 @dataclass
@@ -211,7 +211,7 @@ def _line(mark, panel, x, y):
         made["line"] = {"color": f"@{look.tone}", "dash": look.dash, "width": round(THICK * look.width, 2)}
     if look.marker:
         made["marker"] = {"symbol": MARKERS[look.marker] + ("-open" if look.open else ""), "color": f"@{look.tone}",
-                          "size": 8}
+                          "size": 2 if look.marker == "point" else 8}
     if mark.signal:
         made |= {"y": both[1].astype(np.float32), "meta": "signal"}
     if mark.aside:
@@ -263,7 +263,7 @@ def _band(mark, panel, x, y):
     across = {"xref": f"{x} domain", "x0": 0, "x1": 1, "yref": y, "y0": mark.low, "y1": mark.high}
     upright = {"yref": f"{y} domain", "y0": 0, "y1": 1, "xref": x, "x0": mark.low, "x1": mark.high}
     return [], {"shapes": [{"type": "rect", "layer": "below", "fillcolor": "@grid", "line": {"width": 0}, "name":
-                            mark.name, "showlegend": bool(mark.name), **(upright if mark.upright else across)}]}
+                            mark.name, **(upright if mark.upright else across)}]}
 
 
 def _spans(mark, panel, x, y):
@@ -321,15 +321,15 @@ def chart(plot):
     traces, layout = [], {"height": max(300, round(INCH * plot.height)), "shapes": [], "annotations": []}
     number, named = 0, set()
     for c, (panels, (left, right)) in enumerate(zip(plot.columns, _shares(plot.widths or [1] * len(plot.columns)))):
-        x, tops = f"x{c + 1 if c else ''}", _shares([p.height for p in panels], 0.024)
+        tops = _shares([p.height for p in panels], 0.1 if plot.apart else 0.024)
         for panel, (below, above) in zip(panels, [(1 - b, 1 - a) for a, b in tops]):
             number += 1
-            y = f"y{number if number > 1 else ''}"
+            x, y = (f"{a}{k if k > 1 else ''}" for a, k in (("x", number if plot.apart else c + 1), ("y", number)))
             _panel(panel, x, y, traces, layout, named)
-            more = {"scaleanchor": x, "constrain": "domain"} if panel.equal else {}
-            layout[f"yaxis{y[1:]}"] = _axis(panel.y, domain=[below, above], anchor=x, **more)
-        layout[f"xaxis{x[1:]}"] = _axis(panels[-1].x, domain=[left, right], anchor=y, **(
-            {"constrain": "domain"} if panels[-1].equal else {}))
+            kept = {"constrain": "domain"} if panel.equal else {}
+            layout[f"yaxis{y[1:]}"] = _axis(panel.y, domain=[below, above], anchor=x, **kept, **(
+                {"scaleanchor": x} if panel.equal else {}))
+            layout[f"xaxis{x[1:]}"] = _axis(panel.x, domain=[left, right], anchor=y, **kept)
     if len(plot.columns) == 2 and number == 2:
         layout["meta"] = "pair"  # one below the other on a narrow screen
     if any(isinstance(m, Cells) for p in plot.panels for m in p.marks):
@@ -350,6 +350,9 @@ def _panel(panel, x, y, traces, layout, named):
             if trace["type"] != "heatmap" and "showlegend" not in trace:
                 trace |= {"legendgroup": mark.name, "showlegend": bool(mark.name) and mark.name not in named | told}
                 named.add(mark.name)
+        for shape in more.get("shapes", ()):
+            shape["showlegend"] = bool(mark.name) and mark.name not in named
+            named.add(mark.name)
         traces += made
         for key, value in more.items():
             layout[key] = [*layout[key], *value] if isinstance(value, list) else value

@@ -15,8 +15,25 @@ from ..diagnosis.compare import branches, unit_of, worded
 from ..diagnosis.scores import LEVEL
 from . import values
 from .cards import chance
-from .plot import DASHES, MARKERS, TONES, Arrow, Axis, Band, Bars, Cells, Level, Line, Look, Names, Panel, Plot, Spans
-from .plot import Text, beside
+from .plot import (
+    DASHES,
+    MARKERS,
+    TONES,
+    Arrow,
+    Axis,
+    Band,
+    Bars,
+    Cells,
+    Level,
+    Line,
+    Look,
+    Names,
+    Panel,
+    Plot,
+    Spans,
+    Text,
+    beside,
+)
 
 NAMES = "base model", "improved model"
 BEFORE, AFTER = Look("before", "dash", 1.3, "circle", True), Look("after", "solid", 1.3, "square")
@@ -213,7 +230,8 @@ def timeline(dataset, models, names=NAMES, window=None):
     caption = (f"Measured and modelled {', '.join(map(channel_name, dataset.channels))} over "
                f"{time[shown][-1] - time[shown][0]:.4g} s, {len(time[shown])} samples. Marks on top: manoeuvres, "
                "passes held out of every fit, when a motor's torque is negative, and the branch of each segment, thick "
-               "where power flows to the joint (direct) and thin where it flows back (reverse), none where it stands still.")
+               "where power flows to the joint (direct) and thin where it flows back (reverse), none where it stands "
+               "still.")
     title = "Everything over time" if window is None else "Model against measurement, where the error is largest"
     return Plot("timeline", title, caption, [panels], width=2, height=0.7 + 0.85 * sum(p.height for p in panels))
 

@@ -24,7 +24,8 @@ COLUMN, PAGE = 3.46, 7.1  # width of a column and of a page [inch]
 # Hues of Okabe and Ito, safe for colour-blind readers; the blue darker than theirs, to differ from the red in print
 INKS = {"after": "#004C7F", "before": "#D55E00", "third": "#009E73", "muted": "#767676", "faint": "#CCCCCC",
         "ink": "black"}
-MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D", "cross": "x", "tick": "|", "": ""}
+MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D", "cross": "x", "tick": "|", "point": ".",
+           "": ""}
 DASHES = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":", "": ""}
 NAMED = 24  # names of passes that fit side by side
 DOTS = 170  # an inch, in a preview
@@ -81,13 +82,14 @@ def _line(axes, mark, name):
         x, y = envelope(x, y)
     ink = INKS[look.tone]
     style = {"color": ink, "ls": DASHES[look.dash], "lw": look.width, "marker": MARKERS[look.marker],
-             "mfc": "white" if look.open else ink, "label": name}
+             "mfc": "white" if look.open else ink, "label": name,
+             "ms": 1 if look.marker == "point" else 3.5}
     if mark.spread is None and mark.reach is None:
         axes.plot(x, y, **style)
         return
     reach = None if mark.reach is None else np.array([x - mark.reach[0], mark.reach[1] - x])
-    axes.errorbar(x, y, mark.spread, reach, elinewidth=0.5, capsize=0 if mark.reach is None else 1.5, ms=3, **{
-        **style, "ls": style["ls"] or "none"})
+    axes.errorbar(x, y, mark.spread, reach, elinewidth=0.5, capsize=0 if mark.reach is None else 1.5,
+                  **{**style, "ls": style["ls"] or "none"})
 
 
 def _bars(axes, mark, name):
@@ -166,7 +168,7 @@ def _panel(axes, panel):
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")
     if panel.title:
-        axes.text(0.5, 1.02, _printed(panel.title), transform=axes.transAxes, ha="center", va="bottom", fontsize=7)
+        axes.text(1.0, 1.02, _printed(panel.title), transform=axes.transAxes, ha="right", va="bottom", fontsize=7)
     if any(isinstance(m, Spans) for m in panel.marks):  # rows of marks, not numbers
         axes.spines[["left", "bottom"]].set_visible(False)
         axes.tick_params(length=0, axis="both")
@@ -179,7 +181,8 @@ def _ends(axes, axis, described, lie, bars):
     limit = axes.set_xlim if lie else axes.set_ylim
     if described.names:
         count = len(described.names)
-        axis.set_ticks(range(count), list(map(_printed, described.names)), fontsize=6.5 if count < 14 else 5)
+        axis.set_ticks(range(count), list(map(_printed, described.names)), fontsize=6.5 if count < 14 else 5,
+                       rotation=90 if lie and count > 13 else 0)
         axis.set_tick_params(length=0)
         margin = 1.0 if bars and lie and count < 3 else 0.6
         if described.low is None:
@@ -202,8 +205,8 @@ def _laid(figure, plot):
     laid = [[] for _ in plot.columns]
     for c, (column, own) in enumerate(zip(plot.columns, laid)):
         for r, _ in enumerate(column):
-            above, first = own[-1] if own else None, laid[0][r] if c and plot.aligned else None
-            place = grid[r if len(column) == rows else slice(None), c]
+            above, first = own[-1] if own and not plot.apart else None, laid[0][r] if c and plot.aligned else None
+            place = grid[r if len(column) > 1 else slice(None), c]
             own.append(figure.add_subplot(place, sharex=above, sharey=first))
     return laid
 
@@ -254,7 +257,7 @@ def figure(plot):
         for axes, panel in zip(column, panels):
             _panel(axes, panel)
             _ticks(axes, plot, plot.height * panel.height / sum(p.height for p in panels) / 1.6)
-            first, last = not plot.aligned or c == 0, panel is panels[-1]
+            first, last = not plot.aligned or c == 0, plot.apart or panel is panels[-1]
             axes.set(ylabel=_printed(panel.y.label(_unit)) if first else "",
                      xlabel=_printed(panel.x.label(_unit)) if last else "")
             axes.tick_params(labelbottom=last, labelleft=first)
@@ -288,7 +291,7 @@ def _own_legend(axes, width, crowded):
 
 
 @_styled
-def save(plot, folder, name):
+def save(plot, folder, name, forms=("pdf", "png")):
     """Draw a plot as PDF, and as PNG for a quick look.
 
     Parameters
@@ -299,14 +302,17 @@ def save(plot, folder, name):
         Made where it is missing.
     name : str
         Of the files, without ending.
+    forms : sequence of str
+        Their endings.
     """
     if plot is None:
         return
     folder.mkdir(parents=True, exist_ok=True)
     drawn = figure(plot)
-    drawn.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
-    drawn.set_layout_engine("none")  # laid out already
-    drawn.savefig(folder / f"{name}.png", dpi=DOTS, metadata={"Software": None})
+    for form in forms:
+        drawn.savefig(folder / f"{name}.{form}", dpi=DOTS,
+                      metadata={"CreationDate": None} if form == "pdf" else {"Software": None})
+        drawn.set_layout_engine("none")  # laid out already
 
 
 def write_comparison(folder, dataset, model, fit, other=None):

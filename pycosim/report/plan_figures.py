@@ -41,7 +41,8 @@ def workspace(ws):
     for k, (row, segments) in enumerate(ws.still):
         along = np.array([-row[1], row[0]])
         ends = [centre + along * ws.reach(centre, along), centre - along * ws.reach(centre, -along)]
-        marks.append(Line(*np.array(ends).T, curve(k, width=0.9), f"{', '.join(ws.kinematics.places[s] for s in segments)} still"))
+        names = ", ".join(ws.kinematics.places[s] for s in segments)
+        marks.append(Line(*np.array(ends).T, curve(k, width=0.9), f"{names} still"))
     for k, zone in enumerate(ws.zones):
         way = zone.direction / np.linalg.norm(zone.direction) * 0.3 * size
         marks += [Arrow(tuple(centre), tuple(centre + way), Look("third")),

@@ -24,7 +24,8 @@ class Look:
     width : float
         Of a line, 1 for a thin one.
     marker : str
-        ``circle``, ``square``, ``triangle``, ``diamond``, ``cross`` or ``tick``; empty for a line without points.
+        ``circle``, ``square``, ``triangle``, ``diamond``, ``cross``, ``tick`` or ``point``; empty for a line
+        without points.
     open : bool
         Whether markers are rings.
     hatch : str
@@ -265,15 +266,15 @@ class Plot:
     caption : str
         What it shows, in words that stand for it where it cannot be seen.
     columns : list of list of Panel
-        From left to right, each from above; panels of a column share their x axis.
+        From left to right, each from above.
     widths : sequence of float
         Of the columns, relative to each other; equal by default.
     width : float
         On paper: 1 for a column of text, 2 for a page.
     height : float
         On paper [inch].
-    aligned : bool
-        Whether panels beside each other share their y axis.
+    aligned, apart : bool
+        Whether panels beside each other share their y axis; whether those of a column share no x axis.
     choice : str
         Its name among those of the same title, of which one is shown at a time.
     over : tuple of str
@@ -292,6 +293,7 @@ class Plot:
     width: float = 1.0
     height: float = 2.2
     aligned: bool = False
+    apart: bool = False
     choice: str = ""
     over: tuple = ()
     channel: str = ""

@@ -73,6 +73,20 @@ def test_some_packages_have_one_door(package):
         package]
 
 
+def test_no_plot_is_drawn_outside_report():
+    library = re.compile(r"^\s*(from|import) (matplotlib|plotly|pylab|seaborn)\b", re.M)
+    drawn = [str(p.relative_to(ROOT)) for p in SOURCES if library.search(p.read_text(encoding="utf-8"))
+             and not any(p.is_relative_to(room) for room in (PACKAGE / "report", ROOT / "tests"))]
+    assert not drawn
+
+
+def test_what_a_plot_shows_is_described_without_a_library():
+    here = PACKAGE / "report"
+    libraries = {p.name for p in here.glob("*.py") if "matplotlib" in p.read_text(encoding="utf-8").replace(
+        "matplotlib.axes.Axes", "").replace("matplotlib.figure.Figure", "")}
+    assert libraries == {"figures.py"} and "plotly" not in (here / "drawings.py").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_lines_fit(path):
     long = [k for k, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) if len(line) > 120]
