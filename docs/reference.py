@@ -11,24 +11,20 @@ import inspect
 import os
 import pkgutil
 import re
-import sys
 from pathlib import Path
 
 from mkdocs.structure.files import File
 
+import pycosim
+from pycosim import cli
+from pycosim.cli import new, parser
+from pycosim.compile import Library, catalogue, compile_model, places
+from pycosim.compile.effects import annotation
+from pycosim.compile.parse import LIBRARY
+from pycosim.report.schematic import schematic
+from pycosim.study import schema
+
 ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))  # the package of this checkout, not an installed one
-
-import pycosim  # noqa: E402
-from pycosim import cli  # noqa: E402
-from pycosim.cli import new, parser  # noqa: E402
-from pycosim.compile import Library, catalogue, compile_model, places  # noqa: E402
-from pycosim.compile.effects import annotation  # noqa: E402
-from pycosim.compile.parse import LIBRARY  # noqa: E402
-from pycosim.report.schematic import schematic  # noqa: E402
-from pycosim.study import schema  # noqa: E402
-
 RIG = "DriveTrain.Rigs.HipKnee"
 EXAMPLES = {"Barrier": "examples/barrier/Barrier.mo",  # rigs of users' own, by the file that holds them
             "DoublePendulum": "examples/double_pendulum/DoublePendulum.mo"}

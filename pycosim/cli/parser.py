@@ -120,53 +120,67 @@ def build_parser():
         sub = verbs.add_parser(verb, help=what, allow_abbrev=False,
                                description=f"{what[0].upper()}{what[1:]}. {more}".strip(),
                                formatter_class=argparse.RawDescriptionHelpFormatter, epilog=f"example:\n  {example}")
-        if verb == "new":
-            _new_options(sub)
-        elif verb == "cosim":
-            sub.add_argument("scenario", metavar="SCENARIO", help="scenario file (TOML)")
-            sub.add_argument("--until", type=float, metavar="T", help="stop at this time [s], with a checkpoint")
-            sub.add_argument("--resume", metavar="FILE", help="go on from this checkpoint")
-            sub.add_argument("--allow-python", nargs="+", default=[], metavar="FILE",
-                             help="files of Python classes in the scenario whose code may run; none does otherwise")
-            sub.add_argument("--checkpoint-every", type=float, metavar="S", dest="every",
-                             help="leave a checkpoint beside DIR every S seconds, until the run has ended")
-        elif verb != "demo":
+        if verb not in ("new", "cosim", "demo"):
             sub.add_argument("study", metavar="STUDY", help=f"study file (TOML){MANY.get(verb, '')}",
                              nargs={"app": "?", "improve": "+"}.get(verb))
-        if verb == "improve":
-            sub.add_argument("--on", metavar="WHERE", default="serial",
-                             help="where several studies are computed: serial (default), threads, processes, or "
-                                  "dask://HOST:PORT")
-            sub.add_argument("--workers", type=int, metavar="N", help="threads or processes (default: one a core)")
-        if verb == "app":
-            sub.add_argument("--port", type=int, default=8080, metavar="N", help="port of the page (default: 8080)")
-            sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
-        if verb == "identify":
-            sub.add_argument("--fmu", metavar="FILE", help="fit the parameters of this FMU instead of the rig's; the "
-                             "study's columns and parameters are its variables")
-        if verb == "add":
-            sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
-        for option, (choices, usual, meaning) in (EXPORT if verb == "export" else {}).items():
-            sub.add_argument(option, choices=choices, default=usual, help=f"{meaning} (default: {usual})")
-        if verb == "export":
-            sub.add_argument("--self-contained", action="store_true",
-                             help="of modelica: the library's classes inside, so that the file needs nothing beside it")
-        if verb == "plan":
-            _plan_options(sub)
-        if verb in ROBUST:
-            sub.add_argument("--robust", action="store_true",
-                             help="count samples that are far out for less, as [fit] robust = true does")
-        reads = verb not in ("demo", "export", "cosim")
-        sub.add_argument("--data", nargs="+", metavar="FILE",
-                         help="logs, instead of the study's own" if reads else argparse.SUPPRESS)
-        default = "demo" if verb == "demo" else f"<{'scenario' if verb == 'cosim' else 'study'}>_{verb}"
-        folder = ("folder of the study (default: the current one)" if verb == "new"
-                  else f"folder of the results (default: ./{default})")
-        sub.add_argument("--out", metavar="DIR", help=folder)
-        sub.add_argument("--json", action="store_true",
-                         help=f"print {VERBS[verb][1] or 'where the study is'} and nothing else")
-        sub.add_argument("--quiet", action="store_true", help="print nothing but errors")
+        OPTIONS.get(verb, lambda sub: None)(sub)
+        _common_options(sub, verb)
     return parser
+
+
+def _common_options(sub, verb):
+    """What every verb takes."""
+    if verb in ROBUST:
+        sub.add_argument("--robust", action="store_true",
+                         help="count samples that are far out for less, as [fit] robust = true does")
+    reads = verb not in ("demo", "export", "cosim")
+    sub.add_argument("--data", nargs="+", metavar="FILE",
+                     help="logs, instead of the study's own" if reads else argparse.SUPPRESS)
+    default = "demo" if verb == "demo" else f"<{'scenario' if verb == 'cosim' else 'study'}>_{verb}"
+    folder = ("folder of the study (default: the current one)" if verb == "new"
+              else f"folder of the results (default: ./{default})")
+    sub.add_argument("--out", metavar="DIR", help=folder)
+    sub.add_argument("--json", action="store_true",
+                     help=f"print {VERBS[verb][1] or 'where the study is'} and nothing else")
+    sub.add_argument("--quiet", action="store_true", help="print nothing but errors")
+
+
+def _cosim_options(sub):
+    sub.add_argument("scenario", metavar="SCENARIO", help="scenario file (TOML)")
+    sub.add_argument("--until", type=float, metavar="T", help="stop at this time [s], with a checkpoint")
+    sub.add_argument("--resume", metavar="FILE", help="go on from this checkpoint")
+    sub.add_argument("--allow-python", nargs="+", default=[], metavar="FILE",
+                     help="files of Python classes in the scenario whose code may run; none does otherwise")
+    sub.add_argument("--checkpoint-every", type=float, metavar="S", dest="every",
+                     help="leave a checkpoint beside DIR every S seconds, until the run has ended")
+
+
+def _improve_options(sub):
+    sub.add_argument("--on", metavar="WHERE", default="serial",
+                     help="where several studies are computed: serial (default), threads, processes, or "
+                          "dask://HOST:PORT")
+    sub.add_argument("--workers", type=int, metavar="N", help="threads or processes (default: one a core)")
+
+
+def _app_options(sub):
+    sub.add_argument("--port", type=int, default=8080, metavar="N", help="port of the page (default: 8080)")
+    sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
+
+
+def _identify_options(sub):
+    sub.add_argument("--fmu", metavar="FILE", help="fit the parameters of this FMU instead of the rig's; the study's "
+                     "columns and parameters are its variables")
+
+
+def _add_options(sub):
+    sub.add_argument("effect", metavar="EFFECT[@PLACE]", help="effect, and where, as viscous@1A")
+
+
+def _export_options(sub):
+    for option, (choices, usual, meaning) in EXPORT.items():
+        sub.add_argument(option, choices=choices, default=usual, help=f"{meaning} (default: {usual})")
+    sub.add_argument("--self-contained", action="store_true",
+                     help="of modelica: the library's classes inside, so that the file needs nothing beside it")
 
 
 def _new_options(sub):
@@ -193,6 +207,11 @@ def _plan_options(sub):
                      help="of the parameters: their mean interval, the volume, or the worst direction "
                           "(default: intervals)")
     sub.add_argument("--between", nargs=2, metavar="EFFECT@PLACE", help="separate these two, whatever the diagnosis")
+
+
+OPTIONS = {"new": _new_options, "cosim": _cosim_options, "improve": _improve_options, "app": _app_options,
+           "identify": _identify_options, "add": _add_options, "export": _export_options, "plan": _plan_options}
+"""What a verb takes besides."""
 
 
 def _rigs(**_):

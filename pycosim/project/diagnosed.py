@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 import pandas as pd
 
 from ..core.errors import UnknownNameError, closest
-from ..report import cards, plots, records, sentences
+from ..report import cards, drawings, plots, records, sentences
 from .shown import Shown
 
 if TYPE_CHECKING:
@@ -111,8 +111,8 @@ class Candidate(Shown):
         ndarray of matplotlib.axes.Axes
         """
         before, after = self.diagnosis.fitted, self.add()
-        return plots.signature(before.dataset, (before.model, before.solution), (after.model, after.solution),
-                               self.finding.key)
+        return plots.handed(drawings.signature(before.dataset, (before.model, before.solution),
+                                               (after.model, after.solution), self.finding.key))
 
 
 class Candidates(Sequence[Candidate], Shown):

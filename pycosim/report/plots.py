@@ -246,7 +246,8 @@ class SearchPlots:
         if not 1 <= step < len(steps):
             raise PlotError(f"no step {step}: {len(steps) - 1} effects were added")
         before, after = steps[step - 1], steps[step]
-        return signature(self._dataset, (before.model, before.fit), (after.model, after.fit), after.added)
+        return handed(drawings.signature(self._dataset, (before.model, before.fit), (after.model, after.fit),
+                                         after.added))
 
 
 class PlanPlots:
@@ -292,20 +293,3 @@ class PlanPlots:
         """
         return handed(plan_figures.workspace(self._planned.known.workspace),
                       "this rig has no two motors to draw over")
-
-
-def signature(dataset: Any, before: tuple[Any, Any], after: tuple[Any, Any], key: tuple[str, str]) -> Any:
-    """What a missing effect looks like; see `drawings.signature`.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    before, after : (Model, Fit)
-    key : (str, str)
-        Effect and place.
-
-    Returns
-    -------
-    matplotlib.axes.Axes, or ndarray of them
-    """
-    return handed(drawings.signature(dataset, before, after, key))
