@@ -350,7 +350,7 @@ class Page:
         if not bench.steps:
             ui.label("No data yet.")
             return
-        goals = {"parameters": "narrow the intervals", "twins": "separate what the diagnosis could not",
+        goals = {"parameters": "narrow the intervals", "alternatives": "separate what the diagnosis could not",
                  "detect": "show what these data could not"}
         with ui.row().classes("items-end"):
             goal = ui.select(goals, value="parameters", label="The experiment should").classes("w-72")

@@ -198,9 +198,10 @@ def _new_options(sub):
 
 
 def _plan_options(sub):
-    sub.add_argument("--goal", choices=("parameters", "twins", "detect"), default="parameters",
-                     help="narrow intervals, separate what the diagnosis could not, or show what no data could "
-                          "(default: parameters)")
+    sub.add_argument("--goal", choices=("parameters", "alternatives", "detect", "twins"), default="parameters",
+                     metavar="{parameters,alternatives,detect}",
+                     help="narrow intervals, separate what the diagnosis could not (alternatives; twins, as it was "
+                          "called, is understood), or show what no data could (default: parameters)")
     sub.add_argument("--budget", type=float, default=120.0, metavar="SECONDS", help="longest duration (default: 120)")
     sub.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="samples a second (default: 100)")
     sub.add_argument("--criterion", choices=("intervals", "D", "E"), default="intervals",

@@ -13,7 +13,6 @@ from .information import ChannelNoise
 from .motion import PEAK, SHORTEST_RAMP, Stroke
 
 MEMORY = 1.0  # s
-GOALS = ("parameters", "twins", "detect")
 CRITERIA = ("D", "E", "intervals")
 CLASSES = 1.0, 0.45, 0.2  # greatest speed of a stroke, of the limit
 SLOWEST = 0.7  # least speed of a stroke, of its class

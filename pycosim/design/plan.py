@@ -20,6 +20,8 @@ from .workspace import Workspace, kinematics, limits_of
 
 ASSUMED = 0.01  # noise over the range of a channel, where nothing was measured
 NOTHING = "nothing"  # the rival of an effect that is to be seen at all
+GOALS = "parameters", "alternatives", "detect"
+FORMER = {"twins": "alternatives"}  # goals under the names that they had
 ALIKE = 0.1  # squares of the noise below which rivals are one and the same
 SEPARATE = 10.8  # squares of the noise by which rivals must differ: the better one is the true one in 99.9 %
 PATIENCE = 40.0  # s that the optimiser may take: a minute with all the rest, for an experiment of minutes
@@ -180,14 +182,15 @@ def twins_of(k, pairs=None, progress=None):
         There is no data to diagnose, or nothing to separate.
     """
     if k.dataset is None:
-        raise PlanError(f"{k.study.path}: twins are found in data; give a log with --data, or --goal parameters")
+        raise PlanError(f"{k.study.path}: alternatives are found in data; give a log with --data, or "
+                        "--goal parameters")
     found = diagnose(k.dataset, k.model, k.fit, k.study.seed, progress)
     if pairs is None:
         best = found.winner
         pairs = [(best.key, (t["effect"], t["place"])) for t in best.twins] if best else []
     if not pairs:
-        raise PlanError(f"{k.study.path}: the diagnosis of these data leaves no twins to separate; use --goal "
-                        "parameters or --goal detect")
+        raise PlanError(f"{k.study.path}: the diagnosis of these data leaves no alternatives to separate; use "
+                        "--goal parameters or --goal detect")
     findings = {f.key: f for f in found.candidates}
     fitted = {}
     for key in dict.fromkeys(key for pair in pairs for key in pair):
@@ -348,7 +351,7 @@ def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, crite
     ----------
     k : Known
     goal : str
-        ``parameters``, ``twins`` or ``detect``.
+        ``parameters``, ``alternatives`` or ``detect``.
     budget : float
         Longest duration [s].
     rate : float
@@ -371,7 +374,9 @@ def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, crite
     PlanError
         The limits leave no experiment, or nothing can be learnt.
     """
-    say = progress or (lambda text: None)
+    say, goal = progress or (lambda text: None), FORMER.get(goal, goal)
+    if goal not in GOALS:
+        raise PlanError(f"no goal '{goal}'{closest(goal, GOALS)}; goals are {', '.join(GOALS)}")
     if not 0 < budget <= 1e5:
         raise PlanError(f"--budget {budget:g} s must be above zero, and not above 100000")
     if not 5 <= rate <= 1e5:
@@ -400,7 +405,7 @@ def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, crite
 
 
 def _blocks(k, goal, say, notes):
-    if goal == "twins":
+    if goal == "alternatives":
         return twins_of(k, None, say)
     if goal == "detect":
         found, told = foreseen(k, hidden_of(k, hidden_effects(k)))

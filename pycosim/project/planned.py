@@ -55,7 +55,7 @@ class Plan(Shown):
         blocks = None
         if between:
             keys = [tuple(text.partition("@")[::2]) for text in between]
-            blocks, goal = planning.twins_of(known, [keys], project.say), "twins"
+            blocks, goal = planning.twins_of(known, [keys], project.say), "alternatives"
         found = planning.make_plan(known, goal, budget, rate, blocks, criterion, project.say)
         finish(project.say)
         return cls(found)

@@ -325,8 +325,8 @@ class Project(Shown):
         Parameters
         ----------
         goal : str
-            ``parameters`` narrows intervals, ``twins`` separates what a diagnosis could not, ``detect`` shows what no
-            data could.
+            ``parameters`` narrows intervals, ``alternatives`` separates what a diagnosis could not, ``detect`` shows
+            what no data could.
         budget : float
             Longest duration [s].
         rate : float

@@ -103,7 +103,7 @@ def diagnosis(found, dataset):
     Returns
     -------
     dict
-        Beyond the contract, ``refitted``: candidates that were only scored have expected coefficients without interval;
+        ``twins`` holds ``alternatives`` under the name that it had first. Beyond the contract, ``refitted``: candidates that were only scored have expected coefficients without interval;
         ``conditional``: the interval comes from the data that chose the effect, and holds if the effect is there;
         ``explained_by``, the accepted effect beside which a candidate's evidence vanishes; ``refused``, why a refitted
         candidate is no finding; ``varies_with``, what the coefficient of one that stands in for another law differs
@@ -123,7 +123,8 @@ def _candidate(c, library, error):
             "p_value_single": c.p_value_single, "predicted_error": c.predicted_error,
             "predicted_fall": cards.fall(error, c.predicted_error), "held_out_error": c.held_out_error or None,
             "coefficients": c.coefficients or _expected(c, library), "conditional": c.fit is not None,
-            "twins": c.twins, "refitted": c.fit is not None, "explained_by": c.explained_by, "refused": c.refused,
+            "alternatives": c.twins, "twins": c.twins, "refitted": c.fit is not None,
+            "explained_by": c.explained_by, "refused": c.refused,
             "varies_with": c.constancy.variable if c.provisional else None}
     return {**told, "experiment": cards.experiment(library, c), "variable": cards.variable(library, c),
             "sentence": cards.sentence(library, c, error)}
