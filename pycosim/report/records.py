@@ -103,12 +103,13 @@ def diagnosis(found, dataset):
     Returns
     -------
     dict
-        ``twins`` holds ``alternatives`` under the name that it had first. Beyond the contract, ``refitted``: candidates that were only scored have expected coefficients without interval;
-        ``conditional``: the interval comes from the data that chose the effect, and holds if the effect is there;
-        ``explained_by``, the accepted effect beside which a candidate's evidence vanishes; ``refused``, why a refitted
-        candidate is no finding; ``varies_with``, what the coefficient of one that stands in for another law differs
-        over; ``channels``, what each channel says for itself; the cards of `cards`, what the log varies, and where an
-        unexplained residual lives.
+        ``twins`` holds ``alternatives`` under the name that it had first. Beyond the contract, ``refitted``:
+        candidates that were only scored have expected coefficients without interval; ``conditional``: the interval
+        comes from the data that chose the effect, and holds if the effect is there; ``explained_by``, the accepted
+        effect beside which a candidate's evidence vanishes; ``refused``, why a refitted candidate is no finding;
+        ``varies_with``, what the coefficient of one that stands in for another law differs over; ``channels``, what
+        each channel says for itself; the cards of `cards`, what the log varies, and where an unexplained residual
+        lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
                   "units": dataset.units,
