@@ -219,8 +219,9 @@ fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x_nominal
 static Status set_slope(Instance *m, uint32_t v, int order, double value, const char *function) {
     if (v < VR_U || v >= VR_P) return fail(m, ERROR, "%s: value reference %u is not an input", function, v);
     if (order != 1) return fail(m, ERROR, "%s: order %d of '%s'; only the first derivative is used", function, order,
-                                model_names[v]);
-    if (!isfinite(value)) return fail(m, ERROR, "%s: the derivative of '%s' is not finite", function, model_names[v]);
+                                model_names[v - VR_TIME]);
+    if (!isfinite(value))
+        return fail(m, ERROR, "%s: the derivative of '%s' is not finite", function, model_names[v - VR_TIME]);
     m->s.du[v - VR_U] = value;
     return OK;
 }

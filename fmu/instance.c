@@ -19,9 +19,11 @@
 
 #include "model.h"
 
+#define LONGEST model_names[VR_Y - 1 - VR_TIME] /* the last parameter: longest step, or a sampled model's period */
 #define DIM(n) ((n) > 0 ? (n) : 1)
-enum { VR_X = 1, VR_DX = VR_X + NX, VR_U = VR_DX + NX, VR_P = VR_U + NU, VR_Y = VR_P + NP, VR_STILL = VR_Y + NY,
-       VR_END = VR_STILL + NE };
+/* Value references: from one on, so that they are the places in the list of variables, as FMI 2 counts those. */
+enum { VR_TIME = 1, VR_X, VR_DX = VR_X + NX, VR_U = VR_DX + NX, VR_P = VR_U + NU, VR_Y = VR_P + NP,
+       VR_STILL = VR_Y + NY, VR_END = VR_STILL + NE };
 
 typedef enum { OK, WARNING, DISCARD, ERROR } Status; /* as in both versions of the standard */
 typedef enum { MODEL_EXCHANGE, CO_SIMULATION } Kind;
@@ -173,7 +175,7 @@ static Status fail_to_solve(Instance *m) {
     for (size_t k = 0; k < NP; k++)
         if (m->s.p[k] == 0 && model_p_start[k] != 0 && !model_p_tunable[k])
             return fail(m, status, "the loads have no solution at t = %g s; check '%s', which is 0, and that every joint "
-                        "has inertia", m->s.time, model_names[VR_P + k]);
+                        "has inertia", m->s.time, model_names[VR_P + k - VR_TIME]);
     return fail(m, status, "the loads have no solution at t = %g s; check that every joint has inertia", m->s.time);
 }
 
@@ -224,7 +226,7 @@ static Status check_states(Instance *m) {
         if (isfinite(slack) && !(x >= low - slack && x <= high + slack))
             return fail(m, ERROR, "'%s' is %g at t = %g s, outside %g to %g: the integration diverged; these equations "
                         "are stiff, take an implicit solver with error control, or much shorter steps",
-                        model_names[VR_X + k], x, m->s.time, low, high);
+                        model_names[VR_X + k - VR_TIME], x, m->s.time, low, high);
     }
     return OK;
 }
@@ -269,7 +271,8 @@ static Status get_values(Instance *m, const uint32_t *vr, size_t n, double *valu
     for (size_t k = 0; k < n; k++) {
         uint32_t v = vr[k];
         bool computed = (v >= VR_DX && v < VR_U) || (v >= VR_Y && v < VR_STILL);
-        if (v >= VR_STILL) return fail(m, ERROR, "%s: %u is not the value reference of a real variable", function, v);
+        if (v < VR_TIME || v >= VR_STILL)
+            return fail(m, ERROR, "%s: %u is not the value reference of a real variable", function, v);
         Status status = computed ? evaluate(m) : OK;
         if (status != OK) return status;
         value[k] = v < VR_X    ? m->s.time
@@ -293,8 +296,9 @@ static Status get_still(Instance *m, uint32_t vr, bool *value, const char *funct
 /* Why a value may not be set now, or OK. */
 static Status settable(Instance *m, uint32_t v, double value, const char *function) {
     const int before = CREATED | INITIALIZING;
-    if (v >= VR_STILL) return fail(m, ERROR, "%s: %u is not the value reference of a real variable", function, v);
-    const char *name = model_names[v];
+    if (v < VR_TIME || v >= VR_STILL)
+        return fail(m, ERROR, "%s: %u is not the value reference of a real variable", function, v);
+    const char *name = model_names[v - VR_TIME];
     if (!isfinite(value))
         return fail(m, ERROR, "%s: '%s' cannot be set to %g, which is not finite", function, name, value);
     if (v >= VR_X && v < VR_DX) { /* importers of model exchange, CasADi among them, set states one by one as well */
@@ -408,7 +412,7 @@ static Status check_step(Instance *m, double t, double h) {
         return fail(m, ERROR, "a step to t = %.12g s, past the stop time %.12g s", t + h, m->s.stop);
     if (t + h == t) return fail(m, ERROR, "a step of %g s is lost in rounding at t = %g s", h, t);
     if (h / m->s.p[NP - 1] > 1e8)
-        return fail(m, ERROR, "a step of %g s is more than 1e8 times %s, %g s", h, model_names[VR_Y - 1], m->s.p[NP - 1]);
+        return fail(m, ERROR, "a step of %g s is more than 1e8 times %s, %g s", h, LONGEST, m->s.p[NP - 1]);
     return OK;
 }
 
@@ -499,7 +503,7 @@ static Status do_step(Instance *m, double t, double h) {
         m->s.phase = FAILED;
         changed(m);
         return fail(m, ERROR, "no solution for the step from t = %g s; take a smaller %s than %g s, or check inputs and "
-                    "parameters; the instance is as before this call", t + done, model_names[VR_Y - 1], m->s.p[NP - 1]);
+                    "parameters; the instance is as before this call", t + done, LONGEST, m->s.p[NP - 1]);
     }
     for (size_t k = 0; k < NU; k++) m->s.u[k] += m->s.du[k] * done, m->s.du[k] = 0;
     memcpy(m->s.z_now, m->s.z, sizeof m->s.z);
@@ -513,8 +517,8 @@ static Status do_step(Instance *m, double t, double h) {
 
 /* Where a variable's seed or sensitivity stands: NULL when it is neither known nor, for unknowns, computed. */
 static double *known_slot(Instance *m, uint32_t v) {
-    if (v < VR_X) return &m->dt;
-    if (v < VR_DX) return &m->dx[v - VR_X];
+    if (v == VR_TIME) return &m->dt;
+    if (v >= VR_X && v < VR_DX) return &m->dx[v - VR_X];
     if (v >= VR_U && v < VR_P) return &m->du[v - VR_U];
     return v >= VR_P && v < VR_Y ? &m->dp[v - VR_P] : NULL;
 }

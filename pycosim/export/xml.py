@@ -66,6 +66,23 @@ def model_description(plant, fmi, kinds, identifier, token):
     return _bytes(root)
 
 
+def reference(number):
+    """Value reference of a variable.
+
+    Parameters
+    ----------
+    number : int
+        Its place among the plant's entries, from zero on.
+
+    Returns
+    -------
+    int
+        The place from one on, as FMI 2 counts where it speaks of variables by index. FMI 3 speaks of them by reference;
+        an importer that takes one for the other (OMSimulator 3.0 does) is right with both.
+    """
+    return number + 1
+
+
 def _step(plant):
     """Longest internal step [s], or the period of a sampled model: the last parameter."""
     return next(e for e in reversed(plant.entries) if e.causality == "parameter").variable.value
@@ -216,7 +233,7 @@ def _attributes(entry):
 
 
 def _common(number, entry):
-    given = {"name": entry.name, "valueReference": str(number)}
+    given = {"name": entry.name, "valueReference": str(reference(number))}
     if entry.variable.description:
         given["description"] = entry.variable.description
     given.update(causality=entry.causality, variability=entry.variability)
@@ -232,13 +249,13 @@ def _start(entry):
 
 def _variable2(group, number, entry):
     scalar = xml.SubElement(group, "ScalarVariable", _common(number, entry))
-    derivative = {} if entry.state is None else {"derivative": str(entry.state + 2)}
+    derivative = {} if entry.state is None else {"derivative": str(reference(1 + entry.state))}
     xml.SubElement(scalar, "Boolean" if entry.boolean else "Real",
                    {**_attributes(entry), **_start(entry), **derivative})
 
 
 def _variable3(group, number, entry, updated):
-    derivative = {} if entry.state is None else {"derivative": str(entry.state + 1)}
+    derivative = {} if entry.state is None else {"derivative": str(reference(1 + entry.state))}
     marked = updated and entry.causality in ("input", "output") and not entry.boolean
     intermediate = {"intermediateUpdate": "true"} if marked else {}
     xml.SubElement(group, "Boolean" if entry.boolean else "Float64",
@@ -260,8 +277,7 @@ def _structure2(structure, plant):
                                  ("InitialUnknowns", initial, "initially")):
         group = xml.SubElement(structure, name) if numbers else None
         for k in numbers:
-            known = " ".join(str(n + 1) for n in getattr(plant.entries[k], which))
-            xml.SubElement(group, "Unknown", index=str(k + 1), dependencies=known)
+            xml.SubElement(group, "Unknown", index=str(reference(k)), dependencies=_known(plant.entries[k], which))
 
 
 def _structure3(structure, plant):
@@ -270,5 +286,9 @@ def _structure3(structure, plant):
     for name, numbers, which in (("Output", outputs, "depends"), ("ContinuousStateDerivative", rates, "depends"),
                                  ("InitialUnknown", initial, "initially"), ("EventIndicator", margins, "depends")):
         for k in numbers:
-            known = " ".join(map(str, getattr(plant.entries[k], which)))
-            xml.SubElement(structure, name, valueReference=str(k), dependencies=known)
+            xml.SubElement(structure, name, valueReference=str(reference(k)),
+                           dependencies=_known(plant.entries[k], which))
+
+
+def _known(entry, which):
+    return " ".join(str(reference(n)) for n in getattr(entry, which))

@@ -15,10 +15,12 @@ from fmpy.build import build_platform_binary
 
 from pycosim.cli.entry import main
 from pycosim.compile.parse import LIBRARY
+from pycosim.control.controllers import estimator
 from pycosim.core.errors import ExportError
 from pycosim.export import build
 from pycosim.export import fmu as fmu_module
-from pycosim.export.description import describe
+from pycosim.export.controller import export_block
+from pycosim.export.description import describe, values
 from pycosim.export.modelica import to_modelica
 from pycosim.export.units import exponents
 from pycosim.study.schema import Column
@@ -95,6 +97,28 @@ def test_the_structure_lists_every_dependency(built):
         for unknown, value in zip(real, felt):
             if value:
                 assert name in [v.name for v in unknown.dependencies], (unknown.variable.name, name)
+
+
+def structure(folder, by_place):
+    """What depends on what, by name: numbers of the model structure read as places from one on, or as references."""
+    root = ElementTree.parse(folder / "modelDescription.xml").getroot()
+    variables = list(root.find("ModelVariables"))
+    name = {k + 1 if by_place else int(v.get("valueReference")): v.get("name") for k, v in enumerate(variables)}
+    return {(e.tag, name[int(e.get("index") or e.get("valueReference"))]):
+            {name[int(n)] for n in e.get("dependencies").split()} for e in root.find("ModelStructure").iter()
+            if e.get("dependencies") is not None}
+
+
+def test_an_importer_that_takes_references_for_places_is_right_too(study, model, built, tmp_path):
+    """OMSimulator 3.0 reads FMI 3's dependencies so: the estimator of a system then started before its inputs."""
+    given = values(study("GearedJoint"), model("GearedJoint"))
+    path = export_block(estimator(model("GearedJoint"), given), tmp_path, 3)
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path / "estimator")
+    for folder in (tmp_path / "estimator", built("HipKnee", 3).folder):
+        found = structure(folder, by_place=True)
+        assert found == structure(folder, by_place=False) and found
+    assert {"motor.phi", "motor.tau"} < structure(tmp_path / "estimator", by_place=True)["Output", "C"]
 
 
 def plant_states(fmu):

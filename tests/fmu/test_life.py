@@ -53,7 +53,7 @@ def test_functions_out_of_order_are_refused(fmu, me):
 
 def test_unknown_value_references(fmu):
     plant = Instance(fmu)
-    for number in (10**6, len(fmu.vr), 2**32 - 1):
+    for number in (0, 10**6, len(fmu.vr) + 1, 2**32 - 1):
         refused(plant, plant.try_get([number])[0], str(number))
         refused(plant, plant.set(number, 1.0), str(number))
 
