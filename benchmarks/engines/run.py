@@ -371,8 +371,8 @@ int main() { timed<rig::Estimate>("Estimate"); timed<rig::Compensate>("Compensat
 def header():
     """A sample of the C++ classes of the hip-knee rig [us]: random inputs, 10,000 to warm up, a million measured.
 
-    Each is made once, and four times again from the same state: the least of the five is the code's own, what is above it
-    is the machine's. ``nothing`` is the same two clock readings with nothing in between.
+    Each is made once, and four times again from the same state: the least of the five is the code's own, what is above
+    it is the machine's. ``nothing`` is the same two clock readings with nothing in between.
     """
     _, model, known, _ = machine("HipKnee")
     with tempfile.TemporaryDirectory() as folder:

@@ -6,6 +6,7 @@ import os
 import time
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 from ..core.errors import StudyError, UnknownNameError
 from ..report import records, sentences
@@ -14,6 +15,17 @@ from .parser import VERBS, WRITES, Stopped, UsageError
 
 SEARCHES = "diagnose", "add", "improve", "report", "confirm"
 """Verbs that speak of physics, which a mistake of wiring or units must never be taken for."""
+
+
+def _opened(arguments, progress):
+    """The study's project; of it, for an export, what that needs: what reads and draws logs takes a second to import."""
+    if arguments.verb != "export":
+        from ..project import open_project
+        return open_project(arguments.study, arguments.data, progress, getattr(arguments, "robust", False))
+    from ..compile import Library
+    from ..study.parse import load_study
+    study = load_study(arguments.study)
+    return SimpleNamespace(study=study, model=study.validate(Library(study.modelica)))
 
 
 class Run:
@@ -26,10 +38,8 @@ class Run:
     """
 
     def __init__(self, arguments, progress):
-        from ..project import open_project
-
         self.progress, self.verb = progress, arguments.verb
-        self.project = open_project(arguments.study, arguments.data, progress, getattr(arguments, "robust", False))
+        self.project = _opened(arguments, progress)
         self.out = Path(arguments.out or f"{self.project.study.name}_{self.verb}")
         self.folder = Folder(self.out, self.verb, self.project.study.path, WRITES[self.verb])
         self.lines = []

@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import stats
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import least_squares, linprog, lsq_linear
+from scipy.special import stdtrit  # quantiles of Student's t; scipy.stats takes half a second to import
 
 from ..core.errors import NoAnswerError
 from ..data.noise import fit_noise
@@ -136,7 +136,7 @@ class Fit:
         k, v = self.free.index(name), self.variables[name]
         if not self.identifiable(name):
             return self._cut(name, *self._range_by_bounds(k, level))
-        half = stats.t.ppf(0.5 + level / 2, self.dof) * self.stderr[k]
+        half = stdtrit(self.dof, 0.5 + level / 2) * self.stderr[k]
         low, high = self.unbounded[k] - half, self.unbounded[k] + half
         if high < v.min:
             high = v.min + half
@@ -195,7 +195,7 @@ class Fit:
             return 0.0
         c = np.zeros(len(self.free))
         c[k], c[j] = 1.0, -move[k] / move[j]
-        return stats.t.ppf(0.5 + level / 2, self.dof) * math.sqrt(max(c @ self.covariance @ c, 0.0))
+        return stdtrit(self.dof, 0.5 + level / 2) * math.sqrt(max(c @ self.covariance @ c, 0.0))
 
 
 def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=None, noise=None):

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import stats
 from scipy.sparse.csgraph import connected_components
+from scipy.special import stdtrit
 
 MATCH = 1e-4  # relative agreement of coefficients with a simple function
 HARDLY = 0.95  # correlation beyond which two parameters are told as one
@@ -205,7 +205,7 @@ def _value(fit, names, function, weights):
     value = float(function(fit.parameters))
     # as single intervals are: around the estimate with the bounds lifted, so that a bound does not make it too narrow
     shift = gradient @ (fit.unbounded - fit.values)
-    half = stats.t.ppf(0.975, fit.dof) * math.sqrt(max(gradient @ fit.covariance @ gradient, 0.0))
+    half = stdtrit(fit.dof, 0.975) * math.sqrt(max(gradient @ fit.covariance @ gradient, 0.0))
     ends = [[c * b for b in (fit.variables[n].min, fit.variables[n].max)] for n, c in weights.items()]
     low, high = sum(min(e) for e in ends), sum(max(e) for e in ends)
     return {"value": value, "ci95": [float(min(max(value + shift - half, low), value)),

@@ -230,6 +230,28 @@ def test_the_command_line_writes_it(tmp_path, monkeypatch, capsys):
         assert word in said and len(said.splitlines()) == 1
 
 
+def test_an_export_imports_nothing_that_reads_or_draws_logs(tmp_path):
+    """They take as long to import as the compiler takes for the FMU."""
+    (tmp_path / "arm.toml").write_text('[rig]\nmodel = "DriveTrain.Rigs.ScrewDrive"\n')
+    told = "print([m for m in ('pandas', 'matplotlib', 'scipy.stats', 'scipy.signal', 'lark') if m in sys.modules])"
+    code = f"import sys; from pycosim.cli.entry import main; assert main(['export', 'arm.toml']) == 0; {told}"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "[]", done.stderr + done.stdout
+
+
+def test_a_name_that_the_standard_does_not_know_is_found(fmu, tmp_path):
+    text = (fmu.folder / "modelDescription.xml").read_text()
+    for name, fine in (("motor.phi_1", True), ("der(motor.phi_1)", True), ("1motor", False), ("motor..phi", False),
+                       ("der(motor", False)):
+        with zipfile.ZipFile(tmp_path / "named.fmu", "w") as archive:
+            archive.writestr("modelDescription.xml", text.replace('name="push"', f'name="{name}"'))
+        if fine:
+            fmu_module._validate(str(tmp_path / "named.fmu"))
+        else:
+            with pytest.raises(RuntimeError, match=re.escape(name)):
+                fmu_module._validate(str(tmp_path / "named.fmu"))
+
+
 def test_the_modelica_text_compiles_to_the_same_machine(study, model, library):
     """Read again, the text is the machine it was written from; what a second compiler makes of it is tested below."""
     text = to_modelica(describe(study("GearedJoint"), model("GearedJoint")))
