@@ -18,7 +18,7 @@ SEARCHES = "diagnose", "add", "improve", "report", "confirm"
 
 
 def _opened(arguments, progress):
-    """The study's project; of it, for an export, what that needs: what reads and draws logs takes a second to import."""
+    """The study's project; of it, for an export, what that needs: the rest takes a second to import."""
     if arguments.verb != "export":
         from ..project import open_project
         return open_project(arguments.study, arguments.data, progress, getattr(arguments, "robust", False))
