@@ -58,8 +58,8 @@ def _variable(plant, number, entry):
     v = entry.variable
     starts = entry.initial == "exact" or entry.causality == "input"
     return {"name": v.name, "value_reference": reference(number), "type": "Boolean" if entry.boolean else "Real",
-            "unit": v.unit, "description": v.description, "causality": entry.causality, "variability": entry.variability,
-            "initial": entry.initial, "start": v.value if starts else None,
+            "unit": v.unit, "description": v.description, "causality": entry.causality,
+            "variability": entry.variability, "initial": entry.initial, "start": v.value if starts else None,
             "min": v.min, "max": v.max, "nominal": v.nominal, "from_study": v.name in plant.identified,
             "depends_on": [plant.entries[k].name for k in entry.depends]}
 
