@@ -113,12 +113,13 @@ class Library:
 
     def _parse(self):
         tree = None
-        for path, text in self.text.items():
-            part = parse(text, str(path))
-            if tree is None:
-                tree = part
-            else:
-                tree.extend(part)
+        with _no_collection():
+            for path, text in self.text.items():
+                part = parse(text, str(path))
+                if tree is None:
+                    tree = part
+                else:
+                    tree.extend(part)
         return tree
 
     def find(self, name):
@@ -291,8 +292,8 @@ class Library:
 
 @contextmanager
 def _no_collection():
-    """Hold Python's garbage collector: it walks trees of a hundred thousand live objects again and again, in half the
-    time that flattening takes, and finds nothing."""
+    """Hold Python's garbage collector: it walks trees of a hundred thousand live objects again and again, in a third of
+    the time that parsing takes and half of that of flattening, and finds nothing."""
     running = gc.isenabled()
     gc.disable()
     try:
