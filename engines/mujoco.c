@@ -10,10 +10,10 @@
    correction costs what MuJoCo's factorisation of M does. What constraints (contacts, stops, equalities) did in the
    last step is taken as what they will do in this one.
 
-   With MuJoCo's integrators of order one (Euler, implicit, implicitfast) that is all. RK4 takes the mean torque over the
-   step, from the FMU's own step of order two: two such solutions, each over GAMMA h. In each of RK4's stages they start
-   where the step does, and the bodies' forces are those of the stage: so what holds a joint at rest in one holds it in
-   all, and RK4's weights give the mean over the step. */
+   With MuJoCo's integrators of order one (Euler, implicit, implicitfast) that is all. RK4 takes the mean torque over
+   the step, from the FMU's own step of order two: two such solutions, each over GAMMA h. In each of RK4's stages they
+   start where the step does, and the bodies' forces are those of the stage: so what holds a joint at rest in one holds
+   it in all, and RK4's weights give the mean over the step. */
 
 #include <math.h>
 #include <stdlib.h>
@@ -21,7 +21,8 @@
 #include <mujoco/mujoco.h>
 
 #define SMALL 1e-6      /* of a correction of a speed, relative and of 1 rad/s; its square is what it leaves */
-#define STRAIGHT 1e-10  /* over the largest torque: as far off the line of a correction, that was the last one */
+#define STRAIGHT 1e-10  /* over the largest torque: as far off the line of a correction, that was the last one; the
+                           FMU's own solver leaves as much */
 #define PLAIN 8         /* corrections taken whole */
 #define MOST 30         /* then shortened ones, as far as the next one gets smaller */
 #define GAMMA 0.29289321881345248 /* 1 - sqrt(1/2), of the L-stable method of order two with two stages */
@@ -38,7 +39,7 @@ typedef struct {
   double *v, *tau, *slope;               /* at its end: speed, torque, slope (n x NM) */
   double *turn, *line;                   /* their correction of the speed, and of the torque along a straight line */
   double *trial, *trial_tau, *trial_slope, *spare, *mean, *after;
-  double *ahead;                         /* by how much a speed was guessed ahead, which its first correction takes back */
+  double *ahead;                         /* of the guess; the first correction takes it back */
   int begun;                             /* whether a step is: these are of its start */
   double time, *qpos, *qvel, *phi_start, *w_start, *u_start;
 } Drive;
@@ -274,7 +275,7 @@ static void begin(const mjModel *m, const mjData *d, Drive *e) {
   e->begun = 1;
 }
 
-/* Whether this is a later stage of the step that was begun: RK4 made its time, and its speed of the last acceleration. */
+/* Whether this is a later stage of the step that was begun: RK4 made its time, and its speed by the last qacc. */
 static int later(const mjModel *m, const mjData *d, const Drive *e) {
   const double t = d->time - e->time;
   if (m->opt.integrator != mjINT_RK4 || !e->begun || t <= 0 || t > m->opt.timestep * (1 + SAME)) return 0;
@@ -353,7 +354,7 @@ static void along_line(const Drive *e, const double *slope, double *line) {
   }
 }
 
-/* Torques after a share of the correction, the largest of them, and what is left then. How far they are off the line. */
+/* Torques after a share of the correction, the largest of them, and what is left then. How far off the line. */
 static double attempt(const mjData *d, Drive *e, const double *states, double share, double t, double h,
                       double *largest) {
   double off = 0;
@@ -385,6 +386,11 @@ static int settles(const mjData *d, Drive *e, double largest) {
   return off <= STRAIGHT * largest;
 }
 
+/* Along the last, small correction torque is straight. */
+static void finish(Drive *e) {
+  for (int k = 0; k < e->n; ++k) e->tau[k] += e->line[k], e->v[k] += e->turn[k];
+}
+
 /* The first correction, of a guess that is ahead of the speed at the start. Its size, or a negative one where the guess
    was no better than none. */
 static double correct_guess(const mjModel *m, const mjData *d, Drive *e, const double *states, double t, double h) {
@@ -400,7 +406,7 @@ static double correct_guess(const mjModel *m, const mjData *d, Drive *e, const d
     change = larger(change, e->turn[k]);
     e->ahead[k] = 0;
   }
-  return size > SMALL && guess > 0 && !(change < guess) ? -1 : size;
+  return size <= SMALL || guess == 0 || change < guess ? size : -1;
 }
 
 /* Torques at the speeds that they lead to in a time of h from t on, from where phi and w are. The first guess is that
@@ -413,7 +419,10 @@ static void solve(const mjModel *m, const mjData *d, Drive *e, const double *sta
     double share = 1, off, largest;
     if (k > 0) size = correct(m, d, e, h);
     along_line(e, e->slope, e->line);
-    if (size <= SMALL) break;
+    if (size <= SMALL) {
+      finish(e);
+      return;
+    }
     for (;;) {
       off = attempt(d, e, states, share, t, h, &largest);
       if (k < PLAIN || share < 0.01 || correct_again(d, e, e->next, e->spare) < size) break;
@@ -421,10 +430,11 @@ static void solve(const mjModel *m, const mjData *d, Drive *e, const double *sta
     }
     swap(&e->v, &e->trial), swap(&e->tau, &e->trial_tau), swap(&e->slope, &e->trial_slope), swap(&e->left, &e->next);
     if (share == 1 && off <= STRAIGHT * largest) return;
-    if (settles(d, e, largest)) break;
+    if (settles(d, e, largest)) {
+      finish(e);
+      return;
+    }
   }
-  for (int i = 0; i < e->n; ++i) /* along the last, small correction torque is straight */
-    e->tau[i] += e->line[i], e->v[i] += e->turn[i];
 }
 
 /* Mean torques over a step of order two. */
