@@ -63,30 +63,31 @@ class _Kinematics:
         self.motors = [f"{m}.phi" for m in model.components("signal")]
         names = [n for n in model.alternatives("simulate")[0][0] if model.variables[n].unit == "rad"]
         self.joints = [n for n in names if n not in self.motors]
-        free = [d.states.index(d.start[n]) for n in self.joints if n in d.start]
-        if len(free) != len(self.joints) or not self.motors:
+        states, others = self.joints, self.motors
+        if not all(n in d.start for n in states):  # as of a rig whose motor has the inertia that counts
+            states, others = others, states
+        if not self.motors or not all(n in d.start for n in states):
             raise StudyError(f"{model.rig}: no joint angles among its states, so no motion of joints can be followed")
-        x = ca.SX(len(d.states), 1)
-        q, v, a = (ca.SX.sym(n, len(free)) for n in "qva")
-        for k, row in enumerate(free):
-            x[row] = q[k]
+        slope, zero = self._lines(d, states, others, values)
+        self.slope, self.zero = (slope, zero) if others is self.motors else (
+            np.linalg.inv(slope), -np.linalg.solve(slope, zero))
+
+    def _lines(self, d, states, others, values):
+        """The other angles over those that are states: slopes, and values at zero."""
+        x, q = ca.SX(len(d.states), 1), ca.SX.sym("q", len(states))
+        for k, n in enumerate(states):
+            x[d.states.index(d.start[n])] = q[k]
         p = ca.DM([values[n] for n in d.parameters])
         y = d.output(x, ca.DM(len(d.algebraic), 1), ca.DM(len(d.inputs), 1), p, 0)
-        rows = {n: y[d.outputs.index(n)] if n in d.outputs else x[d.states.index(n)] for n in self.motors}
-        phi = ca.vertcat(*rows.values())
-        w = ca.jtimes(phi, q, v)
-        rate = ca.jtimes(w, q, v) + ca.jtimes(w, v, a)
-        self._to_motors = ArrayFunction(ca.Function("to_motors", [q, v, a], [ca.densify(ca.vertcat(phi, w, rate))]))
-        zero = ca.substitute(phi, q, ca.DM.zeros(len(free)))
-        slope = ca.jacobian(phi, q)
+        found = ca.vertcat(*[y[d.outputs.index(n)] if n in d.outputs else x[d.states.index(n)] for n in others])
+        slope, zero = ca.jacobian(found, q), ca.substitute(found, q, ca.DM.zeros(len(states)))
         if slope.size1() != slope.size2() or ca.symvar(slope):
-            raise StudyError(f"{model.rig}: its motors do not determine its joints one to one")
-        self.slope, self.zero = np.array(ca.DM(slope)), np.array(ca.DM(zero))[:, 0]
+            raise StudyError(f"{self.model.rig}: its motors do not determine its joints one to one")
+        return ca.DM(slope).full(), ca.DM(zero).full()[:, 0]
 
     def from_joints(self, q, v, a):
         """Columns of a motion of the joints, arrays of shape (joints, n)."""
-        phi, w, rate = self._to_motors([*q, *v, *a], q.shape[1]).reshape(3, len(self.motors), -1)
-        return self._columns(phi, w, rate, q)
+        return self._columns(self.slope @ q + self.zero[:, None], self.slope @ v, self.slope @ a, q)
 
     def from_motors(self, phi, w, a):
         """Columns of a motion of the motors, arrays of shape (motors, n)."""
