@@ -50,11 +50,13 @@ class Session:
         What was said of the log.
     proposal : Proposal or None
         What its columns are.
+    mapped : Study or None
+        What became of it; as long as that is worked on, its mapping can be mended.
     """
 
     def __init__(self, bench):
         self.bench, self.job, self.errors, self.changed = bench, None, {}, Counter()
-        self.log = self.rig = self.proposal = self.model = None
+        self.log = self.rig = self.proposal = self.model = self.mapped = None
         self.likely, self.given, self.saved = [], Given(), ""
         self._lock = threading.Lock()
 
@@ -213,8 +215,8 @@ class Session:
         if left:
             self.errors["map"] = f"{left} question{'s are' if left > 1 else ' is'} open, beside the fields above"
             return
-        study = self.bench.mapped(self.proposal, self.model, reference)
-        self.start("map", self.bench.take, study, after=("steps", "diagnosis", "search", "plan"))
+        self.mapped = self.bench.mapped(self.proposal, self.model, reference)
+        self.start("map", self.bench.take, self.mapped, after=("steps", "diagnosis", "search", "plan"))
 
 
 def place_of(question):

@@ -64,7 +64,7 @@ class Wizard:
         """Draw the steps as far as they have come."""
         self.fields = {}
         self._file()
-        if self.session.log is None or self.session.bench.study is not None:
+        if self.session.log is None or self.session.bench.study not in (None, self.session.mapped):
             return
         self._machine()
         if self.session.proposal is None:

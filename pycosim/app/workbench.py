@@ -66,7 +66,7 @@ class Workbench:
         self.folder = Path(folder).absolute()
         self.project, self.fits, self.diagnosed = None, [], None
         self.searched = self.report = self.planned = None
-        self._library, self._say = Library(), _Relay()
+        self._library, self._say, self._written = Library(), _Relay(), None
 
     # ---- what the page shows
 
@@ -325,10 +325,14 @@ class Workbench:
         PycosimError
         """
         path = self.folder / "study.toml"
-        if self.study is not None and path.resolve() == self.study.path.resolve() and path.exists():
+        given = self.study is not None and path.resolve() == self.study.path.resolve() and path.exists()
+        if given and path != self._written:
             raise Given(f"{path}: is the given study, which is never changed; start the app with --out DIR")
+        if given:  # of a log that was mapped here, and saved here before
+            path.unlink()
         self.make()
-        return self.fitted.save(path)
+        self._written = self.fitted.save(path)
+        return self._written
 
     def make(self):
         """Make the folder.
