@@ -27,5 +27,6 @@ equation
   annotation(__pycosim(
     estimate="C from motor.phi motor.tau",
     compensate="motor.tau from motor.phi push",
+    gravity_model="C from motor.phi push",
     simulate="q C motor.phi from torque push"));
 end Barrier;

@@ -1,0 +1,113 @@
+"""Claims about whole walks in the app, as a new user goes them: a wiring mistake is mended, rivals are told apart by a
+planned experiment, and a verdict ends as an FMU that a controller moves."""
+
+import importlib.util
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from test_app_page import LONG, charted, tab
+
+BARRIER = Path(__file__).parents[2] / "examples" / "barrier"
+
+
+def example(name):
+    """A script of the example as a module."""
+    spec = importlib.util.spec_from_file_location(name, BARRIER / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def barrier(tmp_path):
+    """A study of the barrier with limits, and a log that leaves four effects open."""
+    folder = tmp_path / "alike"
+    folder.mkdir()
+    shutil.copy(BARRIER / "Barrier.mo", folder)
+    (folder / "study.toml").write_text((BARRIER / "study.toml").read_text() + (BARRIER / "limits.toml").read_text())
+    log = example("make_log").record(np.random.default_rng(1), "alike")
+    log.to_csv(folder / "monday.csv", index=False, float_format="%.7g")
+    return folder
+
+
+def diagnosed(page):
+    """Diagnose, and wait for what it says."""
+    tab(page, "Effects")
+    page.get_by_role("button", name="Diagnose").click()
+    page.locator("[data-known]").filter(has_text="First look: the error is").wait_for(timeout=LONG)  # a partial answer
+    page.get_by_text("Missing: viscous_asymmetry at worm").wait_for(timeout=3 * LONG)
+
+
+def test_rivals_are_told_apart_by_the_experiment_that_the_app_plans(app, page, barrier, tmp_path):
+    address, _ = app(barrier / "study.toml")
+    page.goto(address)
+    diagnosed(page)
+    page.get_by_text("These data cannot tell it from direction_asymmetry at worm").first.wait_for(timeout=LONG)
+    tab(page, "Plan")
+    page.get_by_label("The experiment should").click()
+    page.get_by_role("option", name="separate what the diagnosis could not").click()
+    page.get_by_label("longest duration [s]").fill("60")
+    page.get_by_role("button", name="Plan", exact=True).click()
+    page.get_by_text("If viscous_asymmetry@worm is true, direction_asymmetry@worm").wait_for(timeout=3 * LONG)
+    with page.expect_download(timeout=LONG) as waiting:
+        page.get_by_role("button", name="Take the motion (CSV)").click()
+    waiting.value.save_as(tmp_path / "plan.csv")
+    log = example("make_log").record(np.random.default_rng(2), "alike", tmp_path / "plan.csv")
+    log.to_csv(tmp_path / "tuesday.csv", index=False, float_format="%.7g")
+    tab(page, "Data")
+    page.locator("input[type=file]").set_input_files(tmp_path / "tuesday.csv")  # the machine has moved as planned
+    page.get_by_role("tab", name="Comparison", selected=True).wait_for(timeout=LONG)  # read and fitted
+    diagnosed(page)
+    assert page.get_by_text("These data cannot tell it from").count() == 0
+
+
+def test_a_wiring_mistake_is_mended_where_the_columns_were_mapped(app, page, study, tmp_path):
+    frame = pd.read_csv(study.parent / "run.csv").assign(tau1=lambda f: -f["tau1"])
+    frame.to_csv(tmp_path / "wired.csv", index=False)
+    address, _ = app()
+    page.goto(address)
+    page.locator("input[type=file]").set_input_files(tmp_path / "wired.csv")
+    page.get_by_role("button", name="Use these columns").wait_for(timeout=LONG)
+    page.get_by_text("Columns that state no unit are in SI units").click()
+    page.get_by_role("button", name="Use these columns").click()
+    told = page.locator("[data-check]").filter(has_text="Negate tau1")
+    told.first.wait_for(timeout=LONG)
+    tab(page, "Effects")
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_role("alert").filter(has_text="tau1").wait_for(timeout=LONG)  # no physics is looked for
+    tab(page, "Data")
+    page.get_by_role("checkbox", name="motor1.tau is negated").click()
+    page.get_by_role("button", name="Use these columns").click()
+    told.first.wait_for(state="detached", timeout=LONG)
+    charted(page)
+
+
+def test_a_verdict_becomes_an_fmu_that_a_controller_moves_better_than_before(app, page, barrier, tmp_path):
+    pytest.importorskip("fmpy")
+    from pycosim.cosim.master import cosimulate
+    track = example("track")
+    address, folder = app(barrier / "study.toml")
+    page.goto(address)
+    tab(page, "Report")
+    page.get_by_role("button", name="Search and report").click()
+    page.get_by_role("link", name="Open the report").wait_for(timeout=4 * LONG)
+    tab(page, "Export")
+    page.get_by_role("button", name="Save study").click()
+    page.get_by_text("Saved: ").wait_for(timeout=LONG)
+    with page.expect_download(timeout=2 * LONG) as waiting:
+        page.get_by_role("button", name="Export FMU").click()
+    waiting.value.save_as(tmp_path / "arm.fmu")
+    time = np.linspace(0, 6, 601)
+    motion = pd.DataFrame({"time": time, "motor.phi": 40 * (0.6 + 0.2 * time)})
+    motion.to_csv(tmp_path / "plan.csv", index=False)
+    errors = []
+    for known in (barrier / "study.toml", folder / "study.toml"):
+        scenario = tmp_path / "track.toml"
+        scenario.write_text(track.SCENARIO.format(known=known.as_posix(), fmu="arm.fmu", start=24.0))
+        log = cosimulate(scenario).log
+        late = log["time"] > track.SETTLED
+        errors.append(float(np.sqrt(np.mean((log["wanted"] - log["actual"])[late] ** 2))))
+    assert errors[1] < 0.2 * errors[0]
