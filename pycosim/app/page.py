@@ -49,6 +49,7 @@ class Page:
         self.session, self.bench = session, session.bench
         self.dark = ui.dark_mode(dark)
         self.window, self.timeline, self.notices = None, None, []
+        self.goal, self.budget = "parameters", 120  # of a plan; its fields are drawn anew when one has come
         self.wizard = Wizard(session, self.notice)
         self.seen = session.changed.copy()
         self._header()
@@ -353,10 +354,10 @@ class Page:
         goals = {"parameters": "narrow the intervals", "alternatives": "separate what the diagnosis could not",
                  "detect": "show what these data could not"}
         with ui.row().classes("items-end"):
-            goal = ui.select(goals, value="parameters", label="The experiment should").classes("w-72")
-            budget = ui.number("longest duration [s]", value=120, min=1).classes("w-40")
+            ui.select(goals, label="The experiment should").classes("w-72").bind_value(self, "goal")
+            ui.number("longest duration [s]", min=1).classes("w-40").bind_value(self, "budget")
             ui.button("Plan", on_click=lambda: self.session.start(
-                "plan", bench.plan, goal.value, float(budget.value or 0), after=("plan",)))
+                "plan", bench.plan, self.goal, float(self.budget or 0), after=("plan",)))
         self.notice("plan")
         if bench.planned is None:
             return

@@ -103,14 +103,15 @@ def motion(plan):
     Plot
     """
     ws, moved = plan.known.workspace, plan.motion
-    columns = [_over_time(plan)]
+    columns, plane = [_over_time(plan)], ""
     if len(ws.kinematics.motors) == 2:
         way = np.where(moved.label == TRANSFER, moved.angle, np.nan)
         marks = [Line(*_closed(ws.vertices), EDGE), Line(*way, Look("muted", width=0.5))]
         marks += [Line(*s.ends.T, curve(k, width=1.4, marker="tick")) for k, s in enumerate(moved.strokes)]
         columns.insert(0, [Panel(*_angles(ws), marks, equal=True)])
-    return Plot("motion", "The planned motion", "The motion of the motors over time, and in the plane of two motors' "
-                "angles; grey: what is held out of the fit.", columns, (1, 1.5)[-len(columns):], width=2, height=3.0)
+        plane = ", and in the plane of both motors' angles"
+    return Plot("motion", "The planned motion", f"The motion of the motors over time{plane}; grey: what is held out of "
+                "the fit.", columns, (1, 1.5)[-len(columns):], width=2, height=3.0)
 
 
 def _over_time(plan):

@@ -149,10 +149,10 @@ def summary(result):
 def _shown(alone):
     """Which effects of their nominal size the motion shows, the clearest first, and which it does not."""
     lines, ranked = [], sorted(alone, key=lambda s: -s["difference"])
-    clear = [f"{s['true']} ({s['difference']:.3g})" for s in ranked if s["separable"]]
-    slow = [f"{s['true']} (about {number(s['time'])} s)" for s in ranked
+    clear = [f"{_at(s['true'])} ({s['difference']:.3g})" for s in ranked if s["separable"]]
+    slow = [f"{_at(s['true'])} (about {number(s['time'])} s)" for s in ranked
             if not s["separable"] and s["time"] is not None]
-    never = [s["true"] for s in ranked if not s["separable"] and s["time"] is None]
+    never = [_at(s["true"]) for s in ranked if not s["separable"] and s["time"] is None]
     if clear:
         lines.append("It shows these effects, each of the size that its file calls nominal (in brackets by how many "
                      f"standard deviations of the noise a model without it would miss): {', '.join(clear)}.")
@@ -166,10 +166,16 @@ def _shown(alone):
 
 
 def _told(s):
+    true, other = _at(s["true"]), _at(s["other"])
     if s["separable"]:
-        return (f"If {s['true']} is true, {s['other']} would miss by {s['difference']:.1f} standard deviations of the "
+        return (f"If {true} is true, {other} would miss by {s['difference']:.1f} standard deviations of the "
                 "noise: they can be told apart.")
     why = ("the one can bend to the other: the same torque on every motion that was found within the limits"
            if s["time"] is None else "the difference is smaller than the noise within this budget; about "
            f"{number(s['time'])} s of such motion would tell")
-    return f"{s['true']} and {s['other']} stay alike, {s['difference']:.1f} standard deviations apart: {why}."
+    return f"{true} and {other} stay alike, {s['difference']:.1f} standard deviations apart: {why}."
+
+
+def _at(name):
+    """An effect and its place as every sentence has them; with an @ between they are a name to type."""
+    return name.replace("@", " at ")

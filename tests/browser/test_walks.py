@@ -51,7 +51,8 @@ def test_rivals_are_told_apart_by_the_experiment_that_the_app_plans(app, page, b
     page.get_by_role("option", name="separate what the diagnosis could not").click()
     page.get_by_label("longest duration [s]").fill("60")
     page.get_by_role("button", name="Plan", exact=True).click()
-    page.get_by_text("If viscous_asymmetry@worm is true, direction_asymmetry@worm").wait_for(timeout=3 * LONG)
+    page.get_by_text("If viscous_asymmetry at worm is true, direction_asymmetry at worm").wait_for(timeout=3 * LONG)
+    assert page.get_by_label("longest duration [s]").input_value() == "60"  # what was asked stays beside the answer
     with page.expect_download(timeout=LONG) as waiting:
         page.get_by_role("button", name="Take the motion (CSV)").click()
     waiting.value.save_as(tmp_path / "plan.csv")
