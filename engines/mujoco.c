@@ -39,7 +39,8 @@ typedef struct {
   double *v, *tau, *slope;               /* at its end: speed, torque, slope (n x NM) */
   double *turn, *line;                   /* their correction of the speed, and of the torque along a straight line */
   double *trial, *trial_tau, *trial_slope, *spare, *mean, *after;
-  double *ahead;                         /* of the guess; the first correction takes it back */
+  double *guess, *ahead;                 /* acceleration; what it makes of the speed, until the first correction */
+  double *rate;                          /* acceleration that was found */
   int begun;                             /* whether a step is: these are of its start */
   double time, *qpos, *qvel, *phi_start, *w_start, *u_start;
 } Drive;
@@ -51,7 +52,8 @@ static int count(const mjModel *m, int instance) {
 }
 
 static int nstate(const mjModel *m, int instance) {
-  return count(m, instance) / NM * NX + m->nv; /* friction states; forces that constraints made in the last step */
+  const int n = count(m, instance);
+  return n / NM * NX + m->nv + 2 * n; /* friction states; what constraints did; accelerations found, twice */
 }
 
 static void destroy(mjData *d, int instance) {
@@ -105,7 +107,7 @@ static int init(const mjModel *m, mjData *d, int instance) {
   Drive *e = (Drive *)calloc(1, sizeof(Drive));
   d->plugin_data[instance] = (uintptr_t)e;
   if (e) e->output = (int *)calloc(2 * (size_t)n + 4 * (size_t)nv + 1, sizeof(int));
-  if (e) e->push = (double *)calloc(5 * (size_t)nv + (11 + 2 * NM + NX) * (size_t)n + 1, sizeof(double));
+  if (e) e->push = (double *)calloc(5 * (size_t)nv + (13 + 2 * NM + NX) * (size_t)n + 1, sizeof(double));
   if (e) e->qpos = (double *)calloc((size_t)m->nq + nv + 3 * (size_t)n + 1, sizeof(double));
   if (!e || !e->output || !e->push || !e->qpos || !room(e, m->nC) || !configure(m, instance, e)) {
     destroy(d, instance);
@@ -118,7 +120,7 @@ static int init(const mjModel *m, mjData *d, int instance) {
   e->v = e->inverse + nv, e->tau = e->v + n, e->turn = e->tau + n, e->line = e->turn + n, e->trial = e->line + n;
   e->trial_tau = e->trial + n, e->spare = e->trial_tau + n, e->slope = e->spare + n;
   e->trial_slope = e->slope + n * NM, e->phi = e->trial_slope + n * NM, e->w = e->phi + n, e->mean = e->w + n;
-  e->ahead = e->mean + n, e->after = e->ahead + n;
+  e->ahead = e->mean + n, e->guess = e->ahead + n, e->rate = e->guess + n, e->after = e->rate + n;
   e->qvel = e->qpos + m->nq, e->phi_start = e->qvel + nv, e->w_start = e->phi_start + n, e->u_start = e->w_start + n;
   memcpy(e->length, m->M_rownnz, nv * sizeof(int));
   memcpy(e->start, m->M_rowadr, nv * sizeof(int));
@@ -409,10 +411,11 @@ static double correct_guess(const mjModel *m, const mjData *d, Drive *e, const d
   return size <= SMALL || guess == 0 || change < guess ? size : -1;
 }
 
-/* Torques at the speeds that they lead to in a time of h from t on, from where phi and w are. The first guess is that
-   the bodies accelerate as in the last step; where that was no better than none, none. */
+/* Torques at the speeds that they lead to in a time of h from t on, from where phi and w are. The first guess continues
+   the accelerations that were found in the last two steps; where that was no better than none, none. (The bodies' own
+   accelerations would not do: they have what the constraints did anew, which the solution leaves to the next step.) */
 static void solve(const mjModel *m, const mjData *d, Drive *e, const double *states, double t, double h) {
-  for (int k = 0; k < e->n; ++k) e->ahead[k] = h * along(d, e->output[k], d->qacc_warmstart);
+  for (int k = 0; k < e->n; ++k) e->ahead[k] = h * e->guess[k];
   double size = correct_guess(m, d, e, states, t, h);
   if (size < 0) size = correct_guess(m, d, e, states, t, h);
   for (int k = 0; k < MOST; ++k) {
@@ -421,7 +424,7 @@ static void solve(const mjModel *m, const mjData *d, Drive *e, const double *sta
     along_line(e, e->slope, e->line);
     if (size <= SMALL) {
       finish(e);
-      return;
+      break;
     }
     for (;;) {
       off = attempt(d, e, states, share, t, h, &largest);
@@ -429,12 +432,13 @@ static void solve(const mjModel *m, const mjData *d, Drive *e, const double *sta
       share /= 2;
     }
     swap(&e->v, &e->trial), swap(&e->tau, &e->trial_tau), swap(&e->slope, &e->trial_slope), swap(&e->left, &e->next);
-    if (share == 1 && off <= STRAIGHT * largest) return;
+    if (share == 1 && off <= STRAIGHT * largest) break;
     if (settles(d, e, largest)) {
       finish(e);
-      return;
+      break;
     }
   }
+  for (int k = 0; k < e->n; ++k) e->rate[k] = (e->v[k] - e->w[k]) / h;
 }
 
 /* Mean torques over a step of order two. */
@@ -453,13 +457,15 @@ static void solve_twice(const mjModel *m, const mjData *d, Drive *e, const doubl
 
 static void compute(const mjModel *m, mjData *d, int instance, int capability) {
   Drive *e = (Drive *)d->plugin_data[instance];
-  const double *states = d->plugin_state + m->plugin_stateadr[instance];
+  const double *states = d->plugin_state + m->plugin_stateadr[instance], *constrained = states + e->n / NM * NX;
+  const double *last = constrained + e->nv, *before = last + e->n;
   (void)capability;
   if (!fits(d, e) && !arrange(m, d, e)) mju_error("%s: no memory", DRIVE_NAME);
   if (!later(m, d, e)) begin(m, d, e);
   memcpy(e->phi, e->phi_start, e->n * sizeof(double));
   memcpy(e->w, e->w_start, e->n * sizeof(double));
-  see_bodies(m, d, instance, e, states + e->n / NM * NX);
+  for (int k = 0; k < e->n; ++k) e->guess[k] = 2 * last[k] - before[k];
+  see_bodies(m, d, instance, e, constrained);
   if (m->opt.integrator == mjINT_RK4) solve_twice(m, d, e, states);
   else solve(m, d, e, states, e->time, m->opt.timestep);
   for (int k = 0; k < e->n; ++k) d->actuator_force[e->output[k]] = e->tau[k];
@@ -471,6 +477,7 @@ static void advance(const mjModel *m, mjData *d, int instance) {
   const int drives = e->n / NM;
   const double *speed = d->qvel; /* over the step, of the integrators of order one */
   double *states = d->plugin_state + m->plugin_stateadr[instance], *constrained = states + drives * NX;
+  double *last = constrained + e->nv, *before = last + e->n;
   if (m->opt.integrator == mjINT_RK4 && e->begun) {
     mj_differentiatePos(m, e->change, m->opt.timestep, e->qpos, d->qpos);
     speed = e->change;
@@ -480,6 +487,8 @@ static void advance(const mjModel *m, mjData *d, int instance) {
   memcpy(states, e->after, (size_t)drives * NX * sizeof(double));
   if (d->nefc) memcpy(constrained, d->qfrc_constraint, e->nv * sizeof(double));
   else memset(constrained, 0, e->nv * sizeof(double));
+  memcpy(before, last, e->n * sizeof(double));
+  memcpy(last, e->rate, e->n * sizeof(double));
   e->begun = 0;
 }
 
