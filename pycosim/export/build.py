@@ -102,16 +102,12 @@ def binaries(files, main, identifier, fmi, wanted="host"):
         There is no compiler, or it fails.
     """
     targets = list(PLATFORMS.values()) if wanted == "all" else [host()]
-    built = {p: _build(files, main, identifier, p, cross=wanted == "all") for p in targets}
     found = {}
-    for p, content in built.items():
+    for p in targets:
+        content = library(files, main, identifier + p.suffix, p, cross=wanted == "all")
         folder = p.fmi2 if fmi == 2 else p.name
         found.setdefault(f"binaries/{folder}/{identifier}{p.suffix}", []).append(content)
     return {path: parts[0] if len(parts) == 1 else _universal(parts) for path, parts in found.items()}
-
-
-def _build(files, main, identifier, target, cross):
-    return library(files, main, identifier + target.suffix, target, cross=cross)
 
 
 def library(files, main, name, target, extra=(), cross=False):

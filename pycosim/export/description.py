@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
 from ..compile import solve
-from ..compile.effects import component_name, components_of, is_effect
+from ..compile.effects import component_names, components_of, is_effect
 from ..core.errors import StudyError
 from ..core.units import Variable
 from ..dynamics.simulate import dynamics
@@ -139,6 +138,23 @@ def values(study, model):
     """
     given = {n: s.value for n, s in study.parameters.items() if s.value is not None}
     return {n: given.get(n, v.value) for n, v in model.parameters.items()}
+
+
+def tunable(model):
+    """Parameters of friction and effects; the others are the structure of the machine.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    list of str
+    """
+    base = {c for c, (kind, _) in components_of(model.library, model.rig).items()
+            if kind not in ("Real", "Integer", "Boolean", "String") and is_effect(model.library, kind)}
+    own = base | set(model.segments) | {c for e, p in model.attached for c in component_names(e, p)}
+    return [n for n in model.parameters if n.rpartition(".")[0] in own]
 
 
 class _Builder:
@@ -310,32 +326,22 @@ class _Builder:
         return found
 
     def _parameters(self):
-        found = []
-        members = {e.split(".")[0] for e in self._tunable_components()}
+        found, changeable = [], set(tunable(self.model))
         for n in self.d.parameters:
             v = replace(self._described(n), value=self.values[n])
-            tunable = n.rpartition(".")[0] in members
-            found.append(Entry(v, "parameter", "tunable" if tunable else "fixed", "exact"))
+            found.append(Entry(v, "parameter", "tunable" if n in changeable else "fixed", "exact"))
         for k, (name, k_m) in self.currents.items():
             v = Variable(f"k_m_{name}", "N.m/A", f"Torque constant: {self.d.inputs[k]} over {name}", k_m)
             found.append(Entry(v, "parameter", "fixed", "exact"))
         step = Variable(STEP, "s", "Longest integration step in co-simulation", 1e-3, 1e-6, 0.1, 1e-3)
         return [*found, Entry(step, "parameter", "fixed", "exact")]
 
-    def _tunable_components(self):
-        """Components of friction and effects; the others are the structure of the machine."""
-        library = self.model.library
-        base = [c for c, (kind, _) in components_of(library, self.study.rig).items()
-                if kind not in ("Real", "Integer", "Boolean", "String") and is_effect(library, kind)]
-        return [*self.model.segments, *base, *(component_name(e, p) for e, p in self.model.attached)]
-
     def _computed(self):
-        wanted, found = self._wanted(), []
-        tunable = set(self._tunable_components())
+        wanted, changeable, found = self._wanted(), set(tunable(self.model)), []
         for n in self.others:
             if n in self.flat.bindings:
-                sources = {s.name().rpartition(".")[0] for s in ca.symvar(self.flat.bindings[n])}
-                kind = "tunable" if sources & tunable else "fixed"
+                sources = {s.name() for s in ca.symvar(self.flat.bindings[n])}
+                kind = "tunable" if sources & changeable else "fixed"
                 found.append(Entry(self._described(n), "calculatedParameter", kind, "calculated"))
             elif n.endswith(".still_margin"):
                 text = f"Below zero while {n.rpartition('.')[0]} stands still"
@@ -451,18 +457,3 @@ def c_name(text):
     """
     name = re.sub(r"\W", "_", text, flags=re.ASCII)
     return name if name[:1].isalpha() else f"m_{name}"
-
-
-def finite(value):
-    """Whether a bound is one.
-
-    Parameters
-    ----------
-    value : float
-
-    Returns
-    -------
-    bool
-        False for infinity and for what is no number.
-    """
-    return math.isfinite(value)

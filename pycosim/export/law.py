@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ..compile.effects import component_names, components_of, is_effect
 from ..compile.solve import der
 from ..core.errors import StudyError
 from ..dynamics.states import advance
 from ..dynamics.stepping import jacobian, split_parameters
+from .description import tunable
 from .links import Links, evaluate
 
 
@@ -105,23 +105,6 @@ def drive_law(model, parameters):
         for what an engine does not know.
     """
     return _Builder(model, parameters).law()
-
-
-def tunable(model):
-    """Parameters of friction and effects; the others are the structure of the machine.
-
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    list of str
-    """
-    base = {c for c, (kind, _) in components_of(model.library, model.rig).items()
-            if kind not in ("Real", "Integer", "Boolean", "String") and is_effect(model.library, kind)}
-    own = base | set(model.segments) | {c for e, p in model.attached for c in component_names(e, p)}
-    return [n for n in model.parameters if n.rpartition(".")[0] in own]
 
 
 class _Builder:

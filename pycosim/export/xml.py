@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 import xml.etree.ElementTree as xml
 
 from .. import __version__
 from . import units
-from .description import finite
 
 TOLERANCE = 1e-6  # relative; of an importer's solver in model exchange, where its own default may be coarser
 AUTHORS = {"author": "the study's authors, by pycosim", "version": __version__,
@@ -226,7 +226,7 @@ def _attributes(entry):
     given["unit"] = v.unit
     if units.display(v.unit):
         given["displayUnit"] = units.display(v.unit)[0]
-    given.update({k: repr(float(getattr(v, k))) for k in ("min", "max") if finite(getattr(v, k))})
+    given.update({k: repr(float(getattr(v, k))) for k in ("min", "max") if math.isfinite(getattr(v, k))})
     if v.nominal not in (0.0, 1.0):
         given["nominal"] = repr(abs(float(v.nominal)))
     return given
