@@ -21,13 +21,12 @@ from pymoca.backends.casadi.generator import Generator, GeneratorWalker
 
 from ..core import cache
 from ..core.errors import ModelicaError, UnknownNameError, closest
+from ..core.shipped import shipped
 from ..core.units import Variable
 from . import tree_data
 
 logging.getLogger("pymoca").setLevel(logging.CRITICAL)
-LIBRARY = Path(__file__).parents[1] / "modelica"
-if not LIBRARY.exists():  # a checkout that is not installed
-    LIBRARY = Path(__file__).parents[2] / "modelica"
+LIBRARY = shipped("modelica")
 
 
 @dataclass

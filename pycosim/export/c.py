@@ -16,13 +16,10 @@ from ..core.errors import StudyError, UnknownNameError, closest
 from ..core.units import Variable
 from ..dynamics.simulate import dynamics, with_parameters
 from ..dynamics.states import follow
-from .source import inline_choices
+from .generated import generated, index_name, literal, prototype, wrapper
 
 _LOOSE = 2e-5  # tolerance of a step in single precision, whose rounding is 1e-7
-_MATH = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "expm1", "log", "log1p",
-         "sqrt", "pow", "fabs", "floor", "ceil", "fmod", "hypot", "copysign")
 _PRECISIONS = ("double", "float")
-_SIGNATURE = "(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem)"
 
 
 def export_c(model, parameters, folder, name, real="double"):
@@ -61,7 +58,7 @@ def export_c(model, parameters, folder, name, real="double"):
         if n not in values:
             raise UnknownNameError(f"no parameter '{n}' in {model.rig}{closest(n, values)}")
     values.update(parameters)
-    parts = [_Part(f"{name}_{question}", model.question(question), model) for question in ("estimate", "compensate")
+    parts = [Part(f"{name}_{question}", model.question(question), model) for question in ("estimate", "compensate")
              if question in model.notes]
     moving = dynamics(model, _LOOSE) if real == "float" else dynamics(model)
     parts.append(_Simulation(f"{name}_simulate", model, moving))
@@ -76,8 +73,26 @@ def export_c(model, parameters, folder, name, real="double"):
     return tuple(texts)
 
 
-class _Part:
-    """A question: its answer for one sample, and its friction states after it."""
+class Part:
+    """A question: its answer for one sample, and its friction states after it.
+
+    Parameters
+    ----------
+    name : str
+        In C.
+    question : pycosim.compile.Question
+    model : pycosim.compile.Model
+
+    Attributes
+    ----------
+    vectors : dict of str to list of str
+        Names of ``input``, ``state`` and ``output``.
+    variables : dict of str to Variable
+    functions : list of casadi.Function
+        The answer; where there are friction states, what follows them.
+    declared : list of (str, str, list)
+        Of each function: a sentence, and what `generated.prototype` takes.
+    """
 
     def __init__(self, name, question, model):
         self.name, self.variables = name, {**model.variables, **model.parameters, **question.variables}
@@ -129,11 +144,6 @@ def _named(name, function):
     return ca.Function(name, arguments, function.call(arguments))
 
 
-def _constant(prefix, variable):
-    """Name of an index; the variable keeps its case, as f and F are two."""
-    return f"{prefix.upper()}_{re.sub('[^A-Za-z0-9]+', '_', variable).strip('_')}"
-
-
 def _header(model, name, real, parts, values):
     """Declarations, and the index of every name."""
     guard = f"{name.upper()}_H"
@@ -146,7 +156,7 @@ def _header(model, name, real, parts, values):
             lines += ["", *_index(f"{part.name}_{kind}", names, part.variables)]
         for (note, start, arguments), function in zip(part.declared, part.functions):
             lines += ["", f"/* {note} Takes {function.sz_w()} numbers of stack, and its scalars. */",
-                      _prototype(start, arguments, real) + ";"]
+                      prototype(start, arguments, real) + ";"]
     return "\n".join([*lines, "", "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */", ""])
 
 
@@ -159,7 +169,7 @@ def _index(prefix, names, variables):
             base = base[4:-1]
         v = Variable("time", "s", "Time") if n == "time" else variables[base]
         text = f"{n} [{_per_second(v.unit, dots)}] {'' if dots else v.description}".replace("*/", "* /").strip()
-        lines.append(f"  {_constant(prefix, n)} = {k}, /* {text} */")
+        lines.append(f"  {index_name(prefix, n)} = {k}, /* {text} */")
     return [f"enum {prefix} {{", *lines, f"  {prefix.upper()}_COUNT = {len(names)}", "};"]
 
 
@@ -170,82 +180,13 @@ def _per_second(unit, times):
     return f"{base if times else unit}{'' if not times else '/s' if times == 1 else f'/s{times}'}"
 
 
-def _prototype(start, arguments, real):
-    return f"{start}({', '.join(kind.format(real=real) + n for kind, n in arguments)})"
-
-
 def _source(name, real, parts, values):
     """Generated functions, hidden, and a readable one around each."""
-    generator = ca.CodeGenerator(name, {"with_header": False, "main": False, "casadi_real": real, "casadi_int": "int"})
-    for part in parts:
-        for function in part.functions:
-            generator.add(function)
-    lines = [f'#include "{name}.h"', "#include <math.h>", "", f"typedef {real} casadi_real;",
-             "typedef int casadi_int;", "", _clean(generator.dump(), real),
-             f"void {name}_parameters({real} *parameters) {{"]
-    lines += [f"  parameters[{_constant(f'{name}_parameter', n)}] = {_literal(v, real)};" for n, v in values.items()]
+    code = generated([f for part in parts for f in part.functions], name, real)
+    lines = [f'#include "{name}.h"', "#include <math.h>", "", code, f"void {name}_parameters({real} *parameters) {{"]
+    lines += [f"  parameters[{index_name(f'{name}_parameter', n)}] = {literal(v, real)};" for n, v in values.items()]
     lines += ["}", ""]
     for part in parts:
         for (_, start, arguments), function in zip(part.declared, part.functions):
-            lines += [_wrapper(start, arguments, function, real), ""]
+            lines += [wrapper(start, arguments, function, real), ""]
     return "\n".join(lines)
-
-
-def _literal(value, real):
-    return f"{float(value)!r}{'f' if real == 'float' else ''}"
-
-
-def _wrapper(start, arguments, function, real):
-    """A function with named arguments around one with CasADi's; results are copied last, so that they may be inputs."""
-    inputs = [(kind, n) for kind, n in arguments if kind.startswith("const")]
-    outputs = [n for kind, n in arguments if not kind.startswith("const")]
-    given = ", ".join(n if kind.endswith("*") else f"&{n}" for kind, n in inputs)
-    lines = [f"{_prototype(start, arguments, real)} {{",
-             f"  const casadi_real *arg[{function.sz_arg()}] = {{{given}}};",
-             f"  casadi_real *res[{max(1, function.sz_res())}];",
-             f"  casadi_real w[{function.sz_w() + 1}];", f"  casadi_int iw[{function.sz_iw() + 1}];"]
-    for k, n in enumerate(outputs):
-        size = max(1, function.numel_out(k))
-        lines.append(f"  casadi_real {n}_[{size}] = {{0}};")
-        lines.append(f"  res[{k}] = {n}_;")
-    lines.append(f"  {function.name()}(arg, res, iw, w, 0);")
-    for k, n in enumerate(outputs):
-        if function.numel_out(k):
-            lines.append(f"  for (int i = 0; i < {function.numel_out(k)}; ++i) {n}[i] = {n}_[i];")
-        else:
-            lines.append(f"  (void){n};")
-    return "\n".join([*lines, "}"])
-
-
-def _clean(text, real):
-    """CasADi's C without what compilers warn of: descriptions of functions, unused arguments and tables."""
-    text = text[text.index("/* Symbol visibility"):]
-    text = text[text.index("#endif\n\n", text.rindex("CASADI_SYMBOL_EXPORT __attribute__")) + 8:] if (
-        "CASADI_SYMBOL_EXPORT __attribute__" in text) else text
-    text = re.sub(r"#ifdef __cplusplus\n.*?#endif\n", "", text, flags=re.S)
-    kept = []
-    for block in re.split(r"(?=^CASADI_SYMBOL_EXPORT )", text, flags=re.M):
-        if not block.startswith("CASADI_SYMBOL_EXPORT "):
-            kept.append(block)
-            continue
-        body, end = block.split("\n}\n", 1) if "\n}\n" in block else (block.split("\n", 1)[0], block.split("\n", 1)[1])
-        if _SIGNATURE[:-1] in body:
-            kept.append("static " + body.removeprefix("CASADI_SYMBOL_EXPORT ") + "\n}\n")
-        kept.append(end)
-    text = "".join(kept)
-    unused = " {\n  (void)arg; (void)res; (void)iw; (void)w; (void)mem;"
-    text = re.sub(re.escape(_SIGNATURE) + r" ?\{", _SIGNATURE + unused, text)
-    text = re.sub(r"^((?:casadi_real|void|int|casadi_int) casadi_\w+\()", r"static inline \1", text, flags=re.M)
-    text = _without_unused(inline_choices(text))
-    if real == "float":
-        text = re.sub(rf"\b({'|'.join(_MATH)})\(", r"\1f(", text)
-        text = re.sub(r"(?<![\w.])(\d+\.\d*(?:[eE][-+]?\d+)?)", r"\1f", text)
-    return text
-
-
-def _without_unused(text):
-    """Drop tables and helpers that nothing uses."""
-    for name in re.findall(r"^static const casadi_\w+ (casadi_s\d+)\[", text, re.M):
-        if len(re.findall(rf"\b{name}\b", text)) == 1:
-            text = re.sub(rf"^static const casadi_int {name}\[.*?;\n", "", text, flags=re.M | re.S)
-    return text

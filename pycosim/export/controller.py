@@ -8,7 +8,7 @@ import casadi as ca
 
 from ..control.controllers import Block
 from ..core.units import Variable
-from .description import Entry, Plant, _depend, _derivatives
+from .description import Entry, Plant, depend, derivatives
 from .fmu import contents, write_fmu
 
 _STEPPING = ("A controller has a clock of its own: it takes a sample at the start and once a <code>period</code> after "
@@ -41,7 +41,7 @@ def describe_block(block: Block, name=None):
     entries += [Entry(v, "output", "continuous", "calculated") for v in block.outputs]
     sizes = {"x": len(block.states), "z": 0, "u": len(block.inputs), "p": len(block.parameters),
              "q": len(block.parameters), "y": len(block.outputs), "e": 0}
-    _depend(entries, sizes, sparsity)
+    depend(entries, sizes, sparsity)
     return Plant(name or block.name, block.model.rig, block.description, block.model, block.values, set(block.values),
                  entries, functions, sizes, [], _STEPPING, True)
 
@@ -58,7 +58,7 @@ def _functions(block):
     step = ca.Function("model_step", [x, z, u, u1, p, t, h], [after, z, ca.SX(0)],
                        ["x", "z", "u0", "u1", "q", "t", "h"], ["x_next", "z_next", "error"])
     observe = ca.Function("model_observe", arguments, [ca.densify(change), ca.densify(y)], names, ["xdot", "y"])
-    forward, reverse, sparsity = _derivatives(arguments, change, y, ca.SX(0, 1))
+    forward, reverse, sparsity = derivatives(arguments, change, y, ca.SX(0, 1))
     return [prepare, initial, step, observe, forward, reverse], sparsity
 
 

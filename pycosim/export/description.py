@@ -235,7 +235,7 @@ class _Builder:
         y = ca.vertcat(*self.others.values(), ca.SX(0, 1))
         observe = ca.Function("model_observe", arguments, [ca.densify(ca.cse(xdot)), ca.densify(ca.cse(y))], names,
                               ["xdot", "y"])
-        forward, reverse, sparsity = _derivatives(arguments, xdot, y, residual)
+        forward, reverse, sparsity = derivatives(arguments, xdot, y, residual)
         return [*self._stepping(), observe, forward, reverse], sparsity
 
     def _stepping(self):
@@ -279,7 +279,7 @@ class _Builder:
         sizes = {"x": len(self.d.states), "z": len(self.d.algebraic), "u": len(self.d.inputs),
                  "p": self.p_all.numel(), "q": functions[0].numel_out(0), "y": len(self.others),
                  "e": len(self.model.segments)}
-        _depend(entries, sizes, sparsity)
+        depend(entries, sizes, sparsity)
         comment = (self.model.library.find(self.study.rig).comment or "").strip('"')
         identified = {n for n, s in self.study.parameters.items() if s.value is not None}
         return Plant(self.study.name, self.study.rig, comment, self.model, self.values, identified, entries, functions,
@@ -403,11 +403,25 @@ def system(model, d):
                        [ca.vertcat(*xdot, ca.SX(0, 1)), ca.vertcat(*solution.residuals, ca.SX(0, 1))])
 
 
-def _derivatives(arguments, xdot, y, residual):
+def derivatives(arguments, xdot, y, residual):
     """Derivatives along a direction, their transpose, and their sparsity; algebraic variables follow the others.
 
     Where the residual R(v, z) is zero, R_v dv + R_z dz = 0 gives dz. The residual stays as it is: where two of its
     pieces meet, as at no load, CasADi's mean of both slopes keeps it regular.
+
+    Parameters
+    ----------
+    arguments : list of casadi.SX
+        Symbols: states, algebraic variables, inputs, parameters, time.
+    xdot, y, residual : casadi.SX
+        Derivatives of the states, what is computed besides, and what is zero where the algebraic variables fit.
+
+    Returns
+    -------
+    forward, reverse : casadi.Function
+        ``model_forward``, ``model_reverse``.
+    sparsity : casadi.Sparsity
+        Of derivatives and computed variables, by states, inputs, parameters and time.
     """
     x, z, u, p, t = arguments
     xdot, y = ca.vertsplit(with_choices(ca.vertcat(xdot, y)), [0, xdot.numel(), xdot.numel() + y.numel()])
@@ -427,8 +441,18 @@ def _derivatives(arguments, xdot, y, residual):
     return forward, reverse, ca.Function("all", [v, z], [followed]).jac_sparsity(0, 0)
 
 
-def _depend(entries, sizes, sparsity):
-    """Fill in what each derivative and computed variable depends on."""
+def depend(entries, sizes, sparsity):
+    """Fill in what each derivative and computed variable depends on.
+
+    Parameters
+    ----------
+    entries : list of Entry
+        Changed in place.
+    sizes : dict of str to int
+        Of `Plant`.
+    sparsity : casadi.Sparsity
+        Of `derivatives`.
+    """
     x, u, p = (sizes[k] for k in "xup")
     columns = [*range(1, 1 + x), *range(1 + 2 * x, 1 + 2 * x + u + p), 0]  # states, inputs, parameters, time
     rows = [*range(1 + x, 1 + 2 * x), *range(1 + 2 * x + u + p, 1 + 2 * x + u + p + sizes["y"])]

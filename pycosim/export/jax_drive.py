@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from .mujoco_plugin import WRAPPER
+from .mujoco_plugin import ENGINES
 
 _INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
 _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
@@ -56,7 +56,7 @@ def jax_source(law, name):
               "PLAIN, MOST = 12, 60  # corrections taken whole, and all", ""]
     for f in law.functions:
         lines += ["", *_function(f), ""]
-    return "\n".join(lines).rstrip() + "\n" + (WRAPPER / "jax_drive.py").read_text()
+    return "\n".join(lines).rstrip() + "\n" + (ENGINES / "jax_drive.py").read_text()
 
 
 def _function(f):

@@ -13,12 +13,11 @@ from pathlib import Path
 
 import casadi as ca
 
+from ..core.shipped import shipped
 from . import build, loop
-from .c import _clean, _wrapper
+from .generated import generated, wrapper
 
-WRAPPER = Path(__file__).parents[1] / "engines"
-if not WRAPPER.exists():  # a checkout that is not installed
-    WRAPPER = Path(__file__).parents[2] / "engines"
+ENGINES = shipped("engines")
 _REAL = "const {real}"
 _CALLS = {"prepare": [(f"{_REAL} *", "p"), ("{real} *", "q")],
           "implicit": [(f"{_REAL} *", n) for n in ("v", "x", "phi", "speed", "u")]
@@ -58,15 +57,10 @@ def law_source(law, names):
     str
         C99 that needs ``math.h``; ``drive_<name>`` are the functions.
     """
-    generator = ca.CodeGenerator("drive", {"with_header": False, "main": False, "casadi_real": "double",
-                                           "casadi_int": "int"})
     functions = {n: getattr(law, n) for n in names}
     functions = {n: ca.Function(f"drive_{n}_", f.sx_in(), f.call(f.sx_in())) for n, f in functions.items()}
-    for f in functions.values():
-        generator.add(f)
-    parts = ["typedef double casadi_real;", "typedef int casadi_int;", "", _clean(generator.dump(), "double")]
-    for n, f in functions.items():
-        parts.append("static " + _wrapper(f"void drive_{n}", _CALLS[n], f, "double"))
+    parts = [generated(functions.values(), "drive")]
+    parts += ["static " + wrapper(f"void drive_{n}", _CALLS[n], f) for n, f in functions.items()]
     return "\n".join([*parts, ""])
 
 
@@ -95,7 +89,7 @@ def plugin_source(law, name):
              _array("double", "low", [_number(v.min) for v in bounds]),
              _array("double", "high", [_number(v.max) for v in bounds]), "",
              law_source(law, ("prepare",)), loop.SIMD, *(_over_drives(f) for f in (law.implicit, law.follow)),
-             "", (WRAPPER / "mujoco.c").read_text()]
+             "", (ENGINES / "mujoco.c").read_text()]
     return "\n".join(lines)
 
 

@@ -47,6 +47,9 @@ class Source:
 
     def __init__(self, path):
         self.path = Path(path).absolute()
+        if self.path.suffix == ".fmu":
+            raise StudyError(f"{path} is an FMU, not a study; write a study that says which column is which of its "
+                             f"variables, and type 'pycosim identify study.toml --fmu {path}'")
         try:
             self.text = self.path.read_text(encoding="utf-8")
         except FileNotFoundError:

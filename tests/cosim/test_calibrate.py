@@ -140,5 +140,10 @@ def test_what_is_no_fmu_is_refused(tmp_path):
         ForeignFmu(tmp_path / "a.fmu")
 
 
+def test_an_fmu_in_the_place_of_the_study_is_told_apart(capsys):
+    assert main(["identify", "model.fmu", "--data", "log.csv"]) == 2
+    assert "'pycosim identify study.toml --fmu model.fmu'" in capsys.readouterr().err
+
+
 def test_machines_are_told_by_three_parameters():
     assert all(len(m.parameters) == 3 for m in MACHINES.values())
