@@ -1,11 +1,11 @@
 """Modelica class and effects in, CasADi functions with named, unit-carrying variables out."""
 
 from .arrays import ArrayFunction
-from .effects import Effect, Place, catalogue, component_name, extend, find_effect, find_place, places, potentials
+from .effects import Effect, Place, catalogue, component_name, extend, find_effect, find_place, places, potentials, ranked
 from .model import Model, Question, compile_model
 from .parse import Library
 from .solve import solve
 
 __all__ = ["ArrayFunction", "Effect", "Library", "Model", "Place", "Question", "catalogue", "compile_model",
            "component_name", "extend", "find_effect", "find_place", "places", "potentials",
-           "solve"]
+           "ranked", "solve"]

@@ -15,7 +15,8 @@ from ..core.errors import ModelicaError, UnknownNameError, closest
 
 PARTNER = "partner"  # connector that goes to the other component of a pair
 # keys that an annotation __pycosim can have: of an effect, of a rig or an example, of a component
-EFFECT_KEYS = ("size", "scan", "needs", "experiment", "replaces", "refines", "place", "measured", "means", "links")
+EFFECT_KEYS = ("size", "scan", "needs", "experiment", "replaces", "refines", "place", "measured", "means", "links",
+               "by_name")
 RIG_KEYS = ("places", "joined", "channels", "load", "sensor", "encoders", "estimate", "balance", "compensate",
             "gravity_model", "simulate", "axis")
 COMPONENT_KEYS = ("links", "gravity", "tilt")
@@ -66,10 +67,13 @@ class Effect:
     measured : dict of str to str
         Inputs that come from the log alone, with their units: a rig without such a variable gets one.
     means : dict of str to str
-        Parameters that stand for the mean of a measured input over the logs.
+        Parameters that stand for something of the logs: the mean of a measured input, as ``temperature``, or an end of
+        what a variable of the place travels over, as ``min(friction.phi)``.
     channel : bool
         Whether it shifts recorded signals in time; its places are the rig's ``channels``.
     description : str
+    by_name : str
+        Why it is added by name alone and stands in no ranking; empty for a candidate.
     """
 
     id: str
@@ -85,6 +89,7 @@ class Effect:
     means: dict = field(default_factory=dict)
     channel: bool = False
     description: str = ""
+    by_name: str = ""
 
     @property
     def ports(self):
@@ -296,6 +301,20 @@ def catalogue(library):
     return library.memo("catalogue", lambda: dict(_effects(library)))
 
 
+def ranked(library):
+    """Effects that stand in a ranking: all but those that are added by name alone.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    list of Effect
+    """
+    return [effect for effect in catalogue(library).values() if not effect.by_name]
+
+
 def _effects(library):
     for name in library.walk():
         node = library.find(name)
@@ -315,7 +334,7 @@ def _effects(library):
             tuple(notes.get("size", "").split()), scan, notes.get("replaces", ""),
             notes.get("place") == "system", notes.get("refines", ""),
             {n: units.get(n, "1") for n in notes.get("measured", "").split()}, means, notes.get("place") == "channels",
-            (node.comment or "").strip('"'))
+            (node.comment or "").strip('"'), notes.get("by_name", ""))
         yield effect.id, effect
 
 
@@ -338,6 +357,10 @@ def _check_coefficients(name, notes, scan, means, members):
             if n not in own:
                 raise UnknownNameError(f"{name}: {key} of the annotation __pycosim names no parameter of the effect, "
                                        f"'{n}'{closest(n, own)}")
+    for source in means.values():
+        if not re.fullmatch(r"\w+|(min|max)\([\w.]+\)", source):
+            raise ModelicaError(f"{name}: means of the annotation __pycosim is '{source}'; write a measured input, or an "
+                                "end of what the place travels over, as min(friction.phi)")
     if not size and not scan:
         raise UnknownNameError(f"{name}: the annotation __pycosim does not say which coefficient is the effect's size; "
                                f"write size=\"..\", one of {', '.join(own)}")

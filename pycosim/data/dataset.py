@@ -22,6 +22,7 @@ from .residuals import Held, Residuals, Term
 from .scales import Sizes
 
 FOLDS = 5
+_ENDS = {"min": min, "max": max}  # of what a place travels over
 SPEEDS = {"phi": "w", "s": "v"}  # of a rotating and of a sliding component: position and speed
 SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
@@ -791,25 +792,53 @@ class Dataset:
                 angle = self.signals.get(f"{place.components[0]}.phi")
                 if angle is not None and np.ptp(angle) > 0:
                     found[name] = replace(found[name], min=max(found[name].min, 2 * np.pi / np.ptp(angle)))
-            for name, mean in self.means(effect).items():
+            for name, mean in self.means(effect, place.components).items():
                 name = f"{component_name(effect, place)}.{name}"
                 if name not in self.study.parameters:
                     found[name] = replace(found[name], value=mean)
         return found
 
-    def means(self, effect):
-        """Parameters of an effect that stand for the mean of something measured.
+    def means(self, effect, components):
+        """Parameters of an effect that stand for something of the logs.
 
         Parameters
         ----------
         effect : Effect
+        components : sequence of str
+            Where it hangs.
 
         Returns
         -------
         dict of str to float
-            Without those of what was not measured.
+            Means of measured inputs, and ends of what the place travels over; without those of what was not measured.
         """
-        return {n: float(self.measured[v].mean()) for n, v in effect.means.items() if v in self.measured}
+        found = {}
+        for name, source in effect.means.items():
+            end, _, variable = source.rstrip(")").rpartition("(")
+            if end:
+                found[name] = _ENDS[end](*self._travelled(effect, components, variable))
+            elif source in self.measured:
+                found[name] = float(self.measured[source].mean())
+        return found
+
+    def _travelled(self, effect, components, variable):
+        """Least and greatest value of a variable of a place, as ``friction.phi``, over all samples."""
+        def make():
+            parameters = {**{n: v.value for n, v in self.base.parameters.items()}, **self.values(self.base)}
+            names = [f"{c}.{variable}" for c in components]
+            known = self.segment_signals(self.base, parameters, names)
+            for component in components if variable == "flange.phi" else ():  # of a motor: its encoder, less the zero
+                angle = self.signals.get(f"{component}.phi")
+                if angle is not None:
+                    known[f"{component}.{variable}"] = angle - parameters.get(f"{component}.zero", 0.0)
+            missing = [n for n in names if n not in known or np.ptp(known[n]) == 0]
+            if missing:
+                raise StudyError(f"{self.study.path}: '{effect.id}' at {' and '.join(components)} is a function of "
+                                 f"'{missing[0]}', which does not change in these logs or does not follow from them; "
+                                 "log an angle that moves, or take the effect out")
+            values = [known[n] for n in names]
+            return float(np.min(values)), float(np.max(values))
+        return self.memo(("dataset.travelled", tuple(components), variable), make)
 
     def values(self, model):
         """Values that the study sets.

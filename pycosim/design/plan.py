@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..compile import catalogue, compile_model, component_name, find_effect, find_place
+from ..compile import compile_model, component_name, find_effect, find_place, ranked
 from ..compile.effects import annotation
 from ..core.errors import ModelicaError, PlanError, closest
 from ..diagnosis.decide import diagnose, nudged
@@ -298,7 +298,7 @@ def hidden_effects(k):
     from ..compile import places
     from ..compile.contribution import effect_question
     found = []
-    for effect in catalogue(k.library).values():
+    for effect in ranked(k.library):
         simple = not (effect.channel or effect.measured or effect_question(k.library, effect).states)
         simple = simple and not any(f"{c}.{effect.replaces}" in k.free for c in k.workspace.kinematics.segments)
         if simple and "cycles" not in effect.scan.values() and "time" not in effect.scan.values():

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..compile import catalogue, places
+from ..core.errors import StudyError
 from ..fit.least_squares import invert
 from ..fit.nullspace import number
 from .compare import unit_of
@@ -96,7 +98,8 @@ def unexplained(table, depends, floor):
     Returns
     -------
     dict
-        ``share`` of the residual's energy beyond the noise, ``map`` and ``proposal``, as in ``diagnosis.json``.
+        ``share`` of the residual's energy beyond the noise, ``map``, ``proposal`` and ``free``, as in
+        ``diagnosis.json``.
     """
     dataset, thin = table.dataset, table.thin
     view = dataset.view("fit")
@@ -107,7 +110,7 @@ def unexplained(table, depends, floor):
     share = max(0.0, 1 - (floor[worst] / error[worst]) ** 2) if error[worst] > 0 else 0.0
     return {"share": share, "channel": worst,
             "map": _map(table.residual[table.channels.index(worst)], known, depends),
-            "proposal": _proposal(table, known, depends, share, index)}
+            "proposal": _proposal(table, known, depends, share, index), "free": _free(table, depends, share)}
 
 
 def _map(residual, known, depends):
@@ -137,9 +140,7 @@ def _proposal(table, known, depends, share, index):
     """The shape that explains most on folds that it was not fitted to; None where none explains enough."""
     few = slice(None, None, max(1, len(table.time) // SAMPLES))
     drives = {place: _drive(table, component)[:, few] for component, place in table.model.segments.items()}
-    base, residual = table.slope[:, :, few], table.residual[:, few]
-    blocks, label = np.unique(table.block[few], return_inverse=True)
-    fold = table.dataset.fold[blocks][label]
+    base, residual, fold = table.slope[:, :, few], table.residual[:, few], _folds(table, few)
     best = None
     angle, torque = table.model.along("rad"), table.model.along("N.m")
     causes = {n for n in known if "@" in n or n.startswith("time") or unit_of(table.dataset, n) == angle}
@@ -164,6 +165,57 @@ def _proposal(table, known, depends, share, index):
             "equation": f"F += {number(size)} * {form.modelica.format(x=name)}", "place": place, "variable": name,
             "share": float(gain), "value": float(size),
             "file": _file(table, form, place, name, values, size, index[few])}
+
+
+def _free(table, depends, share):
+    """The free function of an angle that explains most on folds that it was not fitted to; None where none does.
+
+    Such an effect names no cause and stands in no ranking; where a residual follows an angle and nothing else explains
+    it, it is what can still be done.
+    """
+    angle, study = table.model.along("rad"), table.dataset.study
+    if share <= 0 or not any(d["strength"] > 0 and "@" not in d["variable"]
+                             and unit_of(table.dataset, d["variable"]) == angle for d in depends):
+        return None
+    few = slice(None, None, max(1, len(table.time) // SAMPLES))
+    base, residual, fold = table.slope[:, :, few], table.residual[:, few], _folds(table, few)
+    found = []
+    for effect in (e for e in catalogue(table.library).values() if e.by_name):
+        for place in places(table.library, table.model.rig, effect):
+            if len(place.components) > 1 or study.rules_out(effect.id, place.name) or table._missing(effect, place):
+                continue
+            try:
+                columns = table.column(table.contribution(effect), place.components[0], {})[..., few]
+            except StudyError:  # nothing moves there
+                continue
+            found.append((_taken(columns, base, residual, table.fit.weights, fold), effect.id, place.name))
+    gain, effect, place = max(found, default=(0.0, "", ""))
+    if gain <= ENOUGH * share:
+        return None
+    file = study.path.name if table.model.keys == study.effects else "study.toml"  # of the results: with what was added
+    return {"effect": effect, "place": place, "share": float(gain), "text":
+            f"What is left follows an angle, and {effect} at {place}, a free function of it that names no cause, would "
+            f"take {100 * gain:.0f} % of the residual's energy on passes that it was not fitted to: "
+            f"'pycosim add {file} {effect}@{place}' adds it."}
+
+
+def _folds(table, few):
+    """Fold of some samples of a table."""
+    blocks, label = np.unique(table.block[few], return_inverse=True)
+    return table.dataset.fold[blocks][label]
+
+
+def _taken(columns, base, residual, weights, fold):
+    """Share of the residual's energy that several columns together take on folds that their sizes do not come from."""
+    w = np.asarray(weights)[:, None]
+    rows, r, taken = np.concatenate([base.transpose(1, 0, 2), columns]) * w, w * residual, 0.0
+    for f in np.unique(fold):
+        inside = fold == f
+        for sign, some in ((1, rows[:base.shape[1]]), (-1, rows)):
+            flat = some[:, :, ~inside].reshape(len(some), -1)
+            size = invert(flat @ flat.T)[0] @ (flat @ r[:, ~inside].ravel())
+            taken += sign * float(((r[:, inside] - np.tensordot(size, some[:, :, inside], 1)) ** 2).sum())
+    return taken / float((r ** 2).sum())
 
 
 def _drive(table, component):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from ..compile import catalogue, compile_model, places
+from ..compile import catalogue, compile_model, places, ranked
 from ..compile.contribution import AHEAD, HELD, Contribution, additions, effect_question
 from ..compile.effects import PARTNER, ports
 from ..data.instruments import rounding
@@ -119,7 +119,7 @@ class Table:
         exogenous = self.dataset.exogenous()
         whole = self.dataset.residuals(self.probe_model, free, parameters, self.part, exogenous)
         x = [*self.fit.values, *np.zeros(len(self.probes))]
-        effects = sum(1 for _ in catalogue(self.library))
+        effects = len(ranked(self.library))
         most = min(_ENOUGH, _LIMIT / (len(whole.channels) * 12.0 * effects * 8))
         self.thin = max(1, int(np.ceil(whole.n / most))) | 1  # odd, so that an average has its sample in the middle
         whole = whole.thin(self.thin) if self.thin > 1 else whole
@@ -315,7 +315,7 @@ class Table:
         self.offers, self.scans, self.unavailable, self.rejected = [], [], [], []
         attached = set(self.model.keys)
         touched = {(e.id, c) for e, p in self.model.attached for c in p.components}
-        for effect in catalogue(self.library).values():
+        for effect in ranked(self.library):
             for place in places(self.library, self.model.rig, effect):
                 if (effect.id, place.name) in attached or any((effect.id, c) in touched for c in place.components):
                     continue
@@ -480,7 +480,7 @@ class Table:
         """
         q = contribution.question
         total, probes = 0.0, additions(self.library, contribution.effect)
-        grid = {**self.dataset.means(contribution.effect), **grid}
+        grid = {**self.dataset.means(contribution.effect, (component,)), **grid}
         times = contribution.times(grid)
         states = self._states(contribution, component, grid, partner)
         for term, response in enumerate(self.responses):

@@ -226,8 +226,8 @@ class Page:
         if not left:
             return []
         lines = [f"{100 * left['share']:.0f} % of the residual's energy beyond noise is left unexplained."]
-        proposal = left.get("proposal")
-        return lines + ([f"Proposed: {proposal['text']}"] if proposal else [])
+        proposal, free = left.get("proposal"), left.get("free")
+        return lines + ([f"Proposed: {proposal['text']}"] if proposal else []) + ([free["text"]] if free else [])
 
     def _added(self, k):
         """Card of an effect that the search added: what its step brought; the verdict says the rest."""

@@ -374,6 +374,8 @@ def _unexplained(result, library, final):
         if mystery["proposal"]["file"]:
             line += (" It is written as guess.mo, to be tried as an effect of your own: "
                      "modelica = [\"guess.mo\"] in [rig].")
+    if mystery and mystery.get("free"):
+        line += f" {mystery['free']['text']}"
     return [line, _at_floor(result)]
 
 

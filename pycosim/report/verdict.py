@@ -124,7 +124,7 @@ class Verdict:
                    for d in told["residual_depends_on"] if d["strength"] > 0][:2]
         lines = [f"What is left depends most on {sentences.joined(depends)}."] if depends else []
         left = told.get("unexplained")
-        return lines + ([left["proposal"]["text"]] if left and left.get("proposal") else [])
+        return lines + [left[key]["text"] for key in ("proposal", "free") if left and left.get(key)]
 
     def _effects(self):
         """Table of several effects: what each is, how large and how sure, in the order of the search."""

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import BSpline
 
-from pycosim.compile import Library, catalogue, compile_model, places
+from pycosim.compile import Library, catalogue, compile_model, find_effect, places
 from pycosim.compile.solve import piecewise_linear
 from pycosim.core.errors import ModelicaError
 from pycosim.dynamics.simulate import estimate
@@ -172,7 +173,43 @@ def test_a_pair_with_a_squared_load_says_that_it_has_no_closed_form():
 
 def test_places_of_pairs_channels_joints_and_lines():
     found = {e.id: [p.name for p in places(LIBRARY, RIG, e)] for e in catalogue(LIBRARY).values()}
-    assert len(found) == 31
+    assert len(found) == 34
     assert found["cross_load"] == ["1A+2A", "1B+2B"] and found["time_delay"] == ["torque"]
     assert found["joint_spring"] == ["hip", "knee", "hip+knee"] and found["payload"] == ["shank"]
+    assert found["angle_torque"] == ["hip", "knee", "hip+knee"] and found["angle_friction"][:2] == ["1A", "2A"]
     assert found["cable_compliance"] == found["backlash"] == ["line1", "line2", "line1+line2"]
+
+
+FREE = {"angle_torque": ("hip", "q_H", 10), "motor_angle_torque": ("motor1", "motor1.phi", 10),
+        "angle_friction": ("1A", "motor1.phi", 7)}  # place, angle, splines
+
+
+@pytest.mark.parametrize("effect", FREE)
+def test_a_free_function_of_an_angle_is_the_cubic_spline_through_uniform_knots(effect):
+    place, over, n = FREE[effect]
+    model = compile_model(LIBRARY, RIG, [(effect, place)])
+    own = {f"c{k}": v for k, v in enumerate(np.random.default_rng(3).uniform(-0.04, 0.04, 10), 1)
+           if f"c{k}" in find_effect(LIBRARY, effect).size}
+    weights = np.array(list(own.values()))
+    weights = np.insert(weights, 3, 0.0) if effect == "angle_friction" else weights  # the middle one is f0's
+    time = np.linspace(0, 1, 101)
+    phi = {"motor1.phi": 18 + 6 * time, "motor2.phi": 3 + 2 * time, "motor1.tau": 0 * time + 1.2,
+           "motor2.tau": 0 * time + 0.7}
+    bare = estimate(compile_model(LIBRARY, RIG), phi, time)
+    angle = phi["motor1.phi"] if over in phi else bare[over]
+    low, high = np.quantile(angle, [0.2, 0.8])
+    base = f"{effect}_{place}"
+    given = {**{f"{base}.{c}": v for c, v in own.items()}, f"{base}.low": low, f"{base}.high": high}
+    y = estimate(model, phi, time, given)
+    step = (high - low) / (n - 3)
+    spline = BSpline(low + step * np.arange(-3, n + 1), weights, 3)(np.clip(angle, low, high))
+    change = {"angle_torque": lambda: y["hip.tau"] - y["hip.computed"],
+              "motor_angle_torque": lambda: 1.2 - y["line1.tau"],
+              "angle_friction": lambda: y["s1A.F"] - 2 * 0.05 / 1.95 * abs(y["s1A.L"]) - 2 * 0.95 * 0.05 / 1.95}[effect]()
+    np.testing.assert_allclose(change[1:], spline[1:], atol=1e-12)
+
+
+def test_friction_of_an_angle_takes_no_more_than_there_is():
+    down = {f"angle_friction_1A.c{k}": -1.0 for k in range(1, 7)}
+    y = sliding([("angle_friction", "1A")], MOVING, {**down, "angle_friction_1A.low": 19, "angle_friction_1A.high": 30})
+    assert y["s1A.F"] == pytest.approx(0.1 / 1.95 * abs(y["s1A.L"])) and y["s1A.loss"] > 0

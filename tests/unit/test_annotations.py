@@ -2,7 +2,7 @@
 
 import pytest
 
-from pycosim.compile import Library, catalogue
+from pycosim.compile import Library, catalogue, ranked
 from pycosim.compile.effects import annotation
 from pycosim.core.errors import ModelicaError, UnknownNameError
 
@@ -40,3 +40,16 @@ def test_every_class_of_the_library_has_known_keys(tmp_path):
     library = read(tmp_path, "k * friction", "2 * k * friction")
     assert "quadratic_drag" in catalogue(library)
     assert sum(bool(annotation(library, name)) for name in library.walk()) > 30
+
+
+def test_ends_of_a_travel_that_are_neither_least_nor_greatest_are_refused_in_words(tmp_path):
+    with pytest.raises(ModelicaError, match="means .* is 'mid\\(friction.phi\\)'; write a measured input, or an end"):
+        catalogue(read(tmp_path, 'size="k"', 'size="k", means="k:mid(friction.phi)"'))
+
+
+def test_an_effect_that_is_added_by_name_stands_in_no_ranking(tmp_path):
+    library = read(tmp_path, 'size="k"', 'size="k", by_name="it names no cause"')
+    assert catalogue(library)["quadratic_drag"].by_name == "it names no cause"
+    assert "quadratic_drag" not in {e.id for e in ranked(library)}
+    assert {e.id for e in catalogue(library).values()} - {e.id for e in ranked(library)} == {
+        "quadratic_drag", "angle_torque", "motor_angle_torque", "angle_friction"}
