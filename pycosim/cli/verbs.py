@@ -192,6 +192,7 @@ def _confirm(run, arguments):
     from ..cosim.replay import before_and_after
     from ..diagnosis.confirm import confirm
     dataset = run.project.dataset
+    run.project.study.refuse_own("confirm")
     found = confirm(dataset, run.project.study.seed, run.progress)
     result = records.confirmation(found, before_and_after(dataset, run.progress), dataset.units)
     run.write("confirmation.json", result)

@@ -1,7 +1,18 @@
 """Modelica class and effects in, CasADi functions with named, unit-carrying variables out."""
 
 from .arrays import ArrayFunction
-from .effects import Effect, Place, catalogue, component_name, extend, find_effect, find_place, places, potentials, ranked
+from .effects import (
+    Effect,
+    Place,
+    catalogue,
+    component_name,
+    extend,
+    find_effect,
+    find_place,
+    places,
+    potentials,
+    ranked,
+)
 from .model import Model, Question, compile_model
 from .parse import Library
 from .solve import solve

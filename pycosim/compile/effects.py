@@ -359,8 +359,8 @@ def _check_coefficients(name, notes, scan, means, members):
                                        f"'{n}'{closest(n, own)}")
     for source in means.values():
         if not re.fullmatch(r"\w+|(min|max)\([\w.]+\)", source):
-            raise ModelicaError(f"{name}: means of the annotation __pycosim is '{source}'; write a measured input, or an "
-                                "end of what the place travels over, as min(friction.phi)")
+            raise ModelicaError(f"{name}: means of the annotation __pycosim is '{source}'; write a measured input, or "
+                                "an end of what the place travels over, as min(friction.phi)")
     if not size and not scan:
         raise UnknownNameError(f"{name}: the annotation __pycosim does not say which coefficient is the effect's size; "
                                f"write size=\"..\", one of {', '.join(own)}")

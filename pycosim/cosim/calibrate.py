@@ -86,6 +86,7 @@ def calibrate(study, path, progress=lambda text: None):
     StudyError, DataError
         Nothing is free, or no column is an output.
     """
+    study.refuse_own("identify --fmu")
     fmu = ForeignFmu(path)
     try:
         return _Calibrator(fmu, study, progress).found()

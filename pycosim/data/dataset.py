@@ -206,8 +206,10 @@ class Dataset:
             states = self.states(model, parameters)[0]
         chosen = question.select(names)
         signals = self.undelayed(question, parameters, signals)
+        own = self.own(model)
         arguments = ([signals.get(n, 0.0) for n in chosen.inputs] + list(states)
-                     + [float(parameters[n]) for n in chosen.parameters])
+                     + [self._by_run(own[n], n, parameters) if n in own else float(parameters[n])
+                        for n in chosen.parameters])
         values = ArrayFunction(chosen.output)(arguments, len(self.time))
         return dict(zip(names, values))
 
@@ -527,8 +529,9 @@ class Dataset:
         self.fold = np.zeros(len(self.blocks), dtype=int)
         fitted = self.blocks.take(~self.is_test)
         runs, of_run = np.unique(fitted.run, return_inverse=True)
-        # a log's blocks share its conditions: with enough logs, a fold is left out log by log
-        self.by_run = len(runs) >= 4
+        # a log's blocks share its conditions: with enough logs, a fold is left out log by log, unless
+        # parameters have values of their own there, of which a log left out would tell nothing
+        self.by_run = len(runs) >= 4 and not self.study.own
         self.fold[~self.is_test] = of_run % FOLDS if self.by_run else segmentation.folds(fitted, FOLDS)
 
     def shortcomings(self):
@@ -659,6 +662,7 @@ class Dataset:
         view = self.view(part)
         picks = self._picks(view)
         index = picks[0][1]
+        own = {name: (of, self.run[index] == run) for of, runs in self.own(model).items() for run, name in runs.items()}
         if len(index) < len(free) + 2:
             raise DataError(f"{self.logs[0].path}: only {len(index)} usable samples for {len(free)} free parameters; "
                             "record a longer log with motion in both directions")
@@ -670,7 +674,7 @@ class Dataset:
                          self.time[index], self.passes[index], self.block[index], self.channels,
                          not (self.paired or self.averaged),
                          *((view.lags(self.time), view.colour) if self.paired else (None, 1.0)),
-                         self._held(question, index))
+                         self._held(question, index), own)
 
     def _held(self, question, index):
         """Channels that a filter has held back, or None."""
@@ -796,6 +800,57 @@ class Dataset:
                 name = f"{component_name(effect, place)}.{name}"
                 if name not in self.study.parameters:
                     found[name] = replace(found[name], value=mean)
+        for name, runs in self.own(model).items():
+            for run, own in runs.items():
+                found[own] = replace(found[name], description=f"{found[name].description} in {self.logs[run].name}")
+        return found
+
+    def own(self, model):
+        """Parameters that have a value of their own in each run that is fitted.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        dict of str to dict of int to str
+            By parameter: the number of each run, and the name of the parameter's value there, as ``zero_H[monday]``.
+            Nothing where one run alone is fitted.
+
+        Raises
+        ------
+        StudyError
+            Such a parameter is fixed, or a friction state, a delay or a filter depends on it.
+        """
+        wanted = [n for n in self.study.own_parameters(self.library) if n in model.parameters]
+        if not wanted or "is_test" not in vars(self):  # runs are not cut yet
+            return {}
+        return self.memo(("dataset.own", model.key), lambda: self._own(model, wanted))
+
+    def _own(self, model, wanted):
+        where, question = f"{self.study.path}: [fit] own", self.ask(model)
+        behind = {*dependent_parameters(question)}
+        for name in wanted:
+            setting = self.study.parameters.get(name)
+            if setting is not None and setting.fixed:
+                raise StudyError(f"{where} gives '{name}' a value in each run, but [parameters] says fixed = true; "
+                                 "take one of them out")
+            if name in behind:
+                raise StudyError(f"{where}: a friction state, a delay or a filter depends on '{name}', which has one "
+                                 "value for all runs; take it out of own, or give each run a study of its own")
+        runs = np.unique(self.blocks.run[~self.is_test])
+        if len(runs) < 2:
+            return {}
+        stems = [self.logs[k].name.rpartition(".")[0].replace(".", "_") or self.logs[k].name for k in runs]
+        labels = [s if stems.count(s) == 1 else f"{s}#{k + 1}" for k, s in zip(runs, stems)]
+        return {name: {int(k): f"{name}[{label}]" for k, label in zip(runs, labels)} for name in wanted}
+
+    def _by_run(self, runs, name, parameters):
+        """A parameter at every sample, where runs have values of their own."""
+        found = np.full(len(self.time), float(parameters[name]))
+        for run, own in runs.items():
+            found[self.run == run] = parameters.get(own, parameters[name])
         return found
 
     def means(self, effect, components):
@@ -870,7 +925,9 @@ class Dataset:
         for effect, place in model.attached:
             named += [n for n in model.effect_parameters(effect, place)
                       if n not in named and not (self.study.parameters.get(n) and self.study.parameters[n].fixed)]
-        return named
+        own = self.own(model)
+        named += [n for n in self.study.own_parameters(self.library) if n in model.parameters and n not in named]
+        return [value for n in named for value in (own[n].values() if n in own else [n])]
 
 
 def _is_motion(name):

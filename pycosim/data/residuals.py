@@ -102,13 +102,16 @@ class Residuals:
         What interpolation does to white noise; both as of `noise.Chain`.
     held : Held, optional
         Channels that were recorded through a filter of first order.
+    own : dict of str to (str, ndarray of bool, shape (n,)), optional
+        Values that a parameter has in a run: which parameter that is, and the samples of the run. Elsewhere it has the
+        value under its own name.
     """
 
     def __init__(self, question, channels, measured, terms, free, parameters, time, group, block,
-                 names=None, linked=False, lags=None, colour=1.0, held=None):
+                 names=None, linked=False, lags=None, colour=1.0, held=None, own=None):
         self.time, self.group, self.block = time, group, block
         self.linked, self.lags, self.colour = linked, lags, colour
-        self.held = held
+        self.held, self.own = held, own or {}
         self.question = question
         self.channels, self.measured = list(channels), measured
         self.names = list(channels if names is None else names)
@@ -133,13 +136,15 @@ class Residuals:
         q = self.selected
         u, x, p = q.symbols()
         y = q.output(u, x, p)
-        columns = ca.vertcat(*[p[q.parameters.index(n)] for n in self.free if n in q.parameters], ca.SX(0, 1))
-        self.known = [k for k, n in enumerate(self.free) if n in q.parameters]
+        means = [self.own[n][0] if n in self.own else n for n in self.free]  # the parameter behind each free value
+        wanted = [n for n in dict.fromkeys(means) if n in q.parameters]
+        columns = ca.vertcat(*[p[q.parameters.index(n)] for n in wanted], ca.SX(0, 1))
+        self.known = [means.index(n) for n in wanted]
         slope = ca.jacobian(y, columns) if columns.numel() else ca.SX(y.numel(), 0)
         outputs = ca.cse([y, slope] + ([ca.jacobian(y, x)] if self.of_states else []))
         self.function = ArrayFunction(ca.Function("residual", [u, x, p], [ca.densify(outputs[0]), *outputs[1:]]))
         rows, cols = outputs[1].sparsity().get_triplet()
-        self.slots = [(r, self.known[c]) for r, c in zip(rows, cols)]
+        self.slots = [(r, [k for k, n in enumerate(means) if n == wanted[c]]) for r, c in zip(rows, cols)]
         self.state_slots = list(zip(*outputs[2].sparsity().get_triplet())) if self.of_states else []
         self.plain = ArrayFunction(ca.Function("model", [u, x, p], [ca.densify(ca.cse(y))]))
         lags = self.question.select(list(self.held.lags.values()) if self.held else []).output(u, x, p)
@@ -175,12 +180,17 @@ class Residuals:
         fewer.time, fewer.group, fewer.block = self.time[::k], self.group[::k], self.block[::k]
         fewer.lags, fewer.colour = None if self.lags is None else self.lags[::k], 1.0
         fewer.held = self.held and replace(self.held, where=self.held.where[::k])
+        fewer.own = {n: (of, inside[::k]) for n, (of, inside) in self.own.items()}
         return fewer
 
     def _arguments(self, term, parameters, where):
         q = self.selected
+        values = {n: float(parameters[n]) for n in q.parameters}
+        for name, (of, inside) in self.own.items():
+            if of in values and name in parameters:
+                values[of] = np.where(inside[where], float(parameters[name]), values[of])
         return ([_slice(term.signals.get(n, 0.0), where) for n in q.inputs] + [s[where] for s in term.states]
-                + [float(parameters[n]) for n in q.parameters])
+                + [values[n] for n in q.parameters])
 
     def blocks(self, x, where=None):
         """Yield (slice, residual, derivative of the model) over consecutive samples.
@@ -226,8 +236,11 @@ class Residuals:
         for inner, values in self.function.blocks(self._arguments(term, parameters, part), m):
             c = len(self.channels)
             residual[:, inner] -= term.weight * values[:c]
-            for k, (channel, column) in enumerate(self.slots):
-                slope[channel, column, inner] += term.weight * values[c + k]
+            for k, (channel, columns) in enumerate(self.slots):
+                for column in columns:
+                    own = self.own.get(self.free[column])
+                    share = term.weight if own is None else term.weight * own[1][part][inner]
+                    slope[channel, column, inner] += share * values[c + k]
             offset = c + len(self.slots)
             for k, (channel, state) in enumerate(self.state_slots):
                 for f, name in enumerate(self.of_states):

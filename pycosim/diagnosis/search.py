@@ -151,8 +151,8 @@ def add(dataset, model, fit, effect, places, found, progress=None):
     fit : Fit
     effect : str
     places : list of str
-    found : Diagnosis
-        Of the model and its fit; its starts and its noise level are used.
+    found : Diagnosis or None
+        Of the model and its fit; its starts and its noise level are used. None where there is none: the fit's are.
     progress : callable, optional
 
     Returns
@@ -165,9 +165,10 @@ def add(dataset, model, fit, effect, places, found, progress=None):
         The effect can be fitted at none of them.
     """
     say = progress or (lambda text: None)
-    known = {f.place: f for f in found.candidates if f.effect == effect}
+    known = {f.place: f for f in found.candidates if f.effect == effect} if found else {}
+    noise = found.noise if found else fit.noise
     # rivals are compared at one noise level
-    usual = select(dataset, model, fit, found.noise).usual if len(places) > 1 else None
+    usual = select(dataset, model, fit, noise).usual if len(places) > 1 else None
     tried = {}
     for place in places:
         say(f"fitting {effect} at {place}")
@@ -181,12 +182,13 @@ def add(dataset, model, fit, effect, places, found, progress=None):
 
     def error(place):
         larger, fitted = tried[place]
-        return select(dataset, larger, fitted, found.noise, usual).white.sum() + 2 * len(fitted.free)
+        return select(dataset, larger, fitted, noise, usual).white.sum() + 2 * len(fitted.free)
 
     best = min(tried, key=error) if len(tried) > 1 else next(iter(tried))
     say("computing errors")
     step = step_of(dataset, *tried[best], known.get(best) or Finding(effect, best))
-    hidden = next((u for u in found.undetectable if (u["effect"], u["place"]) == (effect, best)), None)
+    unseen = found.undetectable if found else ()
+    hidden = next((u for u in unseen if (u["effect"], u["place"]) == (effect, best)), None)
     return Addition(step, list(tried), known.get(best), hidden)
 
 

@@ -6,7 +6,7 @@ nothing: bounded draws are spread evenly there, as far as the bounds allow; unbo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -45,6 +45,7 @@ class Draws:
     outside: dict
     any_outside: float
     moved: dict
+    own: dict = field(default_factory=dict)
 
     def array(self, names):
         """Parameter sets in an order of one's own, as that of `pycosim.export.law.Law.parameters`.
@@ -64,6 +65,7 @@ class Draws:
             The model has no such parameter.
         """
         columns = dict(zip(self.names, self.values.T))
+        columns.update({n: np.mean([columns[k] for k in runs], axis=0) for n, runs in self.own.items()})
         for n in names:
             if n not in columns and n not in self.fixed:
                 raise UnknownNameError(f"no parameter '{n}' in this fit{closest(n, [*columns, *self.fixed])}")
@@ -98,7 +100,8 @@ def draw(fit, n, bounded=True, seed=0):
     -------
     Draws
     """
-    rng, fixed = np.random.default_rng(seed), {k: v for k, v in fit.parameters.items() if k not in fit.free}
+    rng, fixed = np.random.default_rng(seed), {k: v for k, v in fit.parameters.items()
+                                             if k not in fit.free and k not in fit.own}
     root, null = _axes(fit)
 
     def some():
@@ -106,7 +109,7 @@ def draw(fit, n, bounded=True, seed=0):
 
     free = some()
     if not bounded or not fit.free or not n:
-        return Draws(fit.free, free, fixed, {}, 0.0, {})
+        return Draws(fit.free, free, fixed, {}, 0.0, {}, fit.own)
     low, high = (np.array([getattr(fit.variables[k], b) for k in fit.free]) for b in ("min", "max"))
     beyond = (free < low) | (free > high)
     kept = free[~beyond.any(axis=1)]
@@ -121,7 +124,7 @@ def draw(fit, n, bounded=True, seed=0):
     outside = {k: float(b.mean()) for k, b in zip(fit.free, beyond.T) if b.any()}
     moved = {k: (float(fit.unbounded[i]), float(values[:, i].mean()), float(fit.stderr[i]), float(values[:, i].std()))
              for i, k in enumerate(fit.free) if k in outside}
-    return Draws(fit.free, values, fixed, outside, float(beyond.any(axis=1).mean()), moved)
+    return Draws(fit.free, values, fixed, outside, float(beyond.any(axis=1).mean()), moved, fit.own)
 
 
 def _axes(fit):

@@ -15,6 +15,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import least_squares, linprog, lsq_linear
 from scipy.special import stdtrit  # quantiles of Student's t; scipy.stats takes half a second to import
 
+from ..compile import component_name
 from ..core.errors import NoAnswerError
 from ..data.noise import fit_noise
 from ..data.residuals import huber
@@ -50,6 +51,9 @@ class Fit:
     weights : ndarray, shape (channels,)
     conditional : bool
         Whether something is known to be missing beside it: its intervals hold if that is the same all over the data.
+    own : dict of str to list of str
+        Parameters with a value of their own in each run, and the names of those values among ``free``; under its own
+        name such a parameter has their mean, for runs that were not fitted.
     apart : dict of str to float
         Values that the data rule out although an interval, which takes the model as straight, reaches beyond them: of a
         product, one factor may have any size but none at all. Intervals end there.
@@ -69,6 +73,7 @@ class Fit:
     error: dict = field(default_factory=dict)
     conditional: bool = False
     apart: dict = field(default_factory=dict)
+    own: dict = field(default_factory=dict)
 
     @property
     def stderr(self):
@@ -152,6 +157,21 @@ class Fit:
             low, high = (max(low, end), high) if self.parameters[name] > end else (low, min(high, end))
         return [low, high]
 
+    def between_runs(self, name):
+        """How much a parameter with a value of its own in each run differs between them.
+
+        Parameters
+        ----------
+        name : str
+            One of ``own``.
+
+        Returns
+        -------
+        float
+            Standard deviation of the fitted values, in the parameter's unit: what an unseen run may be off its mean.
+        """
+        return float(np.std([self.parameters[n] for n in self.own[name]], ddof=1))
+
     def draw(self, n, bounded=True, seed=0):
         """Parameter sets that the data allow, for simulators that vary their machines.
 
@@ -229,6 +249,9 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
     problem = dataset.residuals(model, free, parameters, part)
     weights = dataset.weights()
     x = np.array([_inside(parameters[n], variables[n]) for n in free])
+    own = dataset.own(model)
+    phases = [n for n in _phases(model, own) if n in free and n not in (start or {})]
+    x = _turned(problem, x, phases, weights, variables)
     skip = max(1, problem.n // most) if most else 1
     if skip > 1:
         problem = problem.thin(skip)
@@ -241,7 +264,41 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
     else:
         slope, residual = moments.slope_and_residual(x)
         gram = moments.gram(x, weights, True)
-    return result(problem, slope, residual, gram, x, free, variables, weights, noise, robust)
+    found = result(problem, slope, residual, gram, x, free, variables, weights, noise, robust)
+    for name, runs in own.items():
+        if all(n in free for n in runs.values()):
+            found.own[name] = list(runs.values())
+            found.parameters[name] = float(np.mean([found.parameters[n] for n in found.own[name]]))
+    return found
+
+
+def _phases(model, own):
+    """Phases of sines that are another in each run."""
+    return [n for effect, place in model.attached for c, kind in effect.scan.items() if kind == "quadrature"
+            for n in own.get(f"{component_name(effect, place)}.{c}", {}).values()]
+
+
+def _turned(problem, x, phases, weights, variables):
+    """A start with the phase in each run that leaves least there, of eight round the turn.
+
+    Halfway from the truth a step would not know which way to turn. Amplitudes must not be zero for it: where they are,
+    they are started at their nominal value.
+    """
+    if not phases:
+        return x
+    x, free = x.copy(), problem.free
+    for k, n in enumerate(free):
+        same = any(n.rpartition(".")[0] == p.partition("[")[0].rpartition(".")[0] for p in phases)
+        if same and "[" not in n and abs(x[k]) < 1e-3 * variables[n].nominal:
+            x[k] = _inside(variables[n].nominal, variables[n])
+    numbers, tried = [free.index(n) for n in phases], np.arange(8) * np.pi / 4 - np.pi
+    left = []
+    for phase in tried:
+        x[numbers] = phase
+        squares = ((np.asarray(weights)[:, None] * problem.residual(x)) ** 2).sum(0)
+        left.append([squares[problem.own[n][1]].sum() for n in phases])
+    x[numbers] = tried[np.argmin(left, axis=0)]
+    return x
 
 
 def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial):

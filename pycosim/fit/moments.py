@@ -42,7 +42,7 @@ class Moments:
         -------
         Moments or None
         """
-        if problem.of_states:
+        if problem.of_states or problem.own:  # the maps would differ from run to run
             return None
         found = cls()
         found.problem, found.functions = problem, _functions(problem, segments)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from ..compile import find_effect
 from ..core.errors import StudyError, UnknownNameError, closest
 from ..diagnosis import compare, search
 from ..fit import draws, least_squares
@@ -342,6 +343,7 @@ class Fitted(Shown):
     @cached_property
     def _diagnosis(self) -> Diagnosis:
         self.project.check().refuse()
+        self.project.study.refuse_own("diagnose")
         found = search.diagnosed(self.dataset, self.model, self.solution, self.project.study.seed, self.project.say)
         made = Diagnosis(self, found)
         if found.winner is not None and self.dataset.is_test.any():
@@ -383,7 +385,9 @@ class Fitted(Shown):
         text = effect if isinstance(effect, str) else effect.name
         study = replace(self.project.study, effects=[(e.id, p.name) for e, p in self.model.attached])
         name, places = search.addable(study, self.project.library, self.model, text)
-        found = effect.diagnosis.found if isinstance(effect, Candidate) else self.diagnose().found
+        # a diagnosis says nothing of an effect that stands in no ranking, and knows no parameters of single runs
+        asked = not (self.project.study.own or find_effect(self.project.library, name).by_name)
+        found = effect.diagnosis.found if isinstance(effect, Candidate) else self.diagnose().found if asked else None
         made = search.add(self.dataset, self.model, self.solution, name, places, found, self.project.say)
         if made is None:
             raise StudyError(f"{study.path}: '{name}' cannot be fitted at any place of {study.rig} on these data")

@@ -51,6 +51,7 @@ class Plan(Shown):
         -------
         Plan
         """
+        study.refuse_own("plan")
         known = planning.known(study, project.library, model, dataset, solution)
         blocks = None
         if between:

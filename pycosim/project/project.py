@@ -294,6 +294,7 @@ class Project(Shown):
         """
         self.check().refuse()
         dataset = self.dataset
+        self.study.refuse_own("improve")
         made = Search(self, search.improve(dataset, self.model, self.study.seed, self.say))
         finish(self.say)
         return made

@@ -74,7 +74,8 @@ def parameters(fit, model, seed):
     -------
     dict
         Beyond the contract: ``stderr``, ``fixed`` (what was not fitted), ``weak_directions`` and ``conditional``
-        (something unknown is missing beside these values, and intervals are as wide as blocks differ).
+        (something unknown is missing beside these values, and intervals are as wide as blocks differ), and ``own``: of
+        a parameter with a value of its own in each run, their names, their mean and their standard deviation.
     """
     found = {}
     for name in fit.free:
@@ -83,12 +84,14 @@ def parameters(fit, model, seed):
                        "stderr": fit.stderr[fit.free.index(name)] if fit.identifiable(name) else None,
                        "description": fit.variables[name].description}
     fixed = {n: {"value": v, "unit": fit.variables[n].unit} for n, v in fit.parameters.items()
-             if n not in fit.free and n in fit.variables}
+             if n not in fit.free and n in fit.variables and n not in fit.own}
+    own = {n: {"runs": runs, "mean": fit.parameters[n], "between_runs": fit.between_runs(n),
+               "unit": fit.variables[n].unit} for n, runs in fit.own.items()}
     owners = {component_name(e, p): p.components[0] for e, p in model.attached if len(p.components) == 1}
     return plain({"schema": SCHEMA, "parameters": found, "null_directions": null_directions(fit, owners),
                   "weak_directions": weak_directions(fit), "error": fit.error,
                   "units": {c: model.unit(c) for c in fit.error}, "seed": seed, "fixed": fixed,
-                  "conditional": fit.conditional})
+                  "conditional": fit.conditional, "own": own})
 
 
 def diagnosis(found, dataset):
@@ -192,7 +195,8 @@ def improved_study(study, model, fit):
     Study
     """
     settings = dict(study.parameters)
-    for name in fit.free:
+    apart = {n for runs in fit.own.values() for n in runs}  # values in a run are fitted again; the study has their mean
+    for name in [*(n for n in fit.free if n not in apart), *fit.own]:
         old, variable = settings.get(name, Setting(fixed=False)), fit.variables[name]
         value = min(max(float(f"{fit.parameters[name]:.9g}"), variable.min), variable.max)
         declared = model.parameters[name]

@@ -223,6 +223,9 @@ def summary_parameters(result):
     directions = list(dict.fromkeys(d["text"] for d in result["null_directions"]))
     lines += [f"Not determined: {t}." for t in directions]
     lines += [f"Weak: {d['text']}." for d in result["weak_directions"]]
+    lines += [f"{n} has a value of its own in each run: mean {number(o['mean'])}, standard deviation between runs "
+              f"{number(o['between_runs'])}{'' if o['unit'] == '1' else ' ' + o['unit']}; a run that was not fitted is "
+              "predicted with the mean." for n, o in result.get("own", {}).items()]
     error = errors_text(result["error"], result["units"])
     lines.append(f"Error on the fitted passes: {error} (RMSE of moving samples).")
     return lines

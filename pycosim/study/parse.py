@@ -290,18 +290,22 @@ def _text_layout(source, table):
     return found.said
 
 
-def _texts(source, table, key):
+def _texts(source, table, key, where="[data]"):
     """A list of words."""
-    found = source.take(table, key, list, "[data]", [])
+    found = source.take(table, key, list, where, [])
     for item in found:
         if not isinstance(item, str) or not item:
-            raise source.error("[data]", f"{key} must be a list of texts in quotes, but holds {to_toml(item)}", key)
+            raise source.error(where, f"{key} must be a list of texts in quotes, but holds {to_toml(item)}", key)
     return found
 
 
 def _fit(source, table):
     source.keys(table, FIT_KEYS, "[fit]")
-    return dict(robust=source.take(table, "robust", bool, "[fit]", False))
+    own = _texts(source, table, "own", "[fit]")
+    twice = next((n for n in own if own.count(n) > 1), None)
+    if twice is not None:
+        raise source.error("[fit]", f"own lists '{twice}' twice", "own")
+    return dict(robust=source.take(table, "robust", bool, "[fit]", False), own=own)
 
 
 def _paths(source, table, key, where):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..compile.effects import catalogue, find_effect, find_place
+from ..compile.effects import catalogue, component_name, find_effect, find_place
 from ..compile.model import compile_model
 from ..core import units
 from ..core.errors import BoundsError, PycosimError, StudyError, UnknownNameError, closest
@@ -28,7 +28,7 @@ EFFECT_KEYS = ("effect", "place")
 LIMIT_KEYS = ("min", "max")
 DATA_KEYS = ("runs", "held_out", "reference", "label", "time_column", "w_min", "seed", "drop_outs",
               "average", "reader", "most", "rate", "time", *LAYOUT_KEYS, "accept", "rejected")
-FIT_KEYS = ("robust",)
+FIT_KEYS = ("robust", "own")
 MOST = 2_000_000
 """Rows of a log that are read one by one, if the study does not say."""
 
@@ -209,6 +209,9 @@ class Study:
         Candidates that the user has ruled out, ``effect@place`` or ``effect`` for all its places.
     robust : bool
         Samples that are far out count less in every fit (Huber).
+    own : list of str
+        Parameters that have a value of their own in each run: a parameter of the rig, as ``zero_H``, or a coefficient
+        of an effect, as ``payload@shank.m``.
     """
 
     path: Path
@@ -240,6 +243,7 @@ class Study:
     accept: list = field(default_factory=list)
     rejected: list = field(default_factory=list)
     robust: bool = False
+    own: list = field(default_factory=list)
 
     @property
     def name(self):
@@ -290,6 +294,55 @@ class Study:
         """
         return effect in self.rejected or f"{effect}@{place}" in self.rejected
 
+    def own_parameters(self, library):
+        """Parameters that have a value of their own in each run.
+
+        Parameters
+        ----------
+        library : Library
+
+        Returns
+        -------
+        list of str
+            Names as a model has them; those of effects that may not be attached yet included.
+
+        Raises
+        ------
+        UnknownNameError
+            No such effect, place or coefficient.
+        """
+        found = []
+        for text in self.own:
+            effect, at, rest = text.partition("@")
+            if not at:
+                found.append(text)
+                continue
+            place, _, coefficient = rest.rpartition(".")
+            effect = find_effect(library, effect)
+            known = (*effect.size, *effect.scan)
+            if coefficient not in known or not place:
+                raise UnknownNameError(f"own: '{text}' names no coefficient of {effect.id}; write {effect.id}@PLACE."
+                                       f"{known[0]}{closest(coefficient, known)}")
+            found.append(f"{component_name(effect, find_place(library, self.rig, effect, place))}.{coefficient}")
+        return found
+
+    def refuse_own(self, verb):
+        """Refuse what does not know that a parameter may differ from run to run.
+
+        Parameters
+        ----------
+        verb : str
+            What was asked for.
+
+        Raises
+        ------
+        StudyError
+            The study has such parameters.
+        """
+        if self.own:
+            raise StudyError(f"{self.path}: '{verb}' does not take into account that {self.own[0]} has a value of its own "
+                             "in each run; compare, identify and add do: use these, or take [fit] own out")
+
     def validate(self, library):
         """Check every name, bound and unit against the Modelica library.
 
@@ -319,11 +372,16 @@ class Study:
                 effect = find_effect(library, effect)
                 if at:
                     find_place(library, self.rig, effect, place)
+            owned = self.own_parameters(library)
         except PycosimError as error:
             raise type(error)(f"{self.path}: {error}") from None
         model = compile_model(library, self.rig, self.effects)
         for name, setting in self.parameters.items():
             check_parameter(self, name, setting, model.parameters)
+        for text, name in zip(self.own, owned):
+            if "@" not in text and name not in model.parameters:
+                raise UnknownNameError(f"{self.path}: [fit] own: no parameter '{name}' in {self.rig}"
+                                       f"{closest(name, model.parameters)}")
         read = {n: unit for effect in catalogue(library).values() for n, unit in effect.measured.items()}
         known = {**read, **LOG_VARIABLES, **{n: v.unit for n, v in model.variables.items()}}
         for name, column in self.columns.items():

@@ -333,3 +333,24 @@ def test_a_column_called_time_may_give_the_unit_of_time(study):
 def test_paths_start_at_the_study_not_at_the_working_folder(study, tmp_path, monkeypatch):
     monkeypatch.chdir(Path("/"))
     assert study(RIG + '[data]\nruns = ["../x.csv"]').runs == [tmp_path.parent / "x.csv"]
+
+
+@pytest.mark.parametrize("own, error, message", [
+    ('["zero_Q"]', UnknownNameError, "own: no parameter 'zero_Q' in .*closest: 'zero_"),
+    ('["payload@shank.k"]', UnknownNameError, "'payload@shank.k' names no coefficient .*; write payload@PLACE.m"),
+    ('["payload@motor1.m"]', UnknownNameError, "no place 'motor1' for 'payload'"),
+    ('["zero_H", "zero_H"]', StudyError, "own lists 'zero_H' twice"),
+    ('[1]', StudyError, "own must be a list of texts")])
+def test_own_values_of_what_does_not_exist_are_refused_with_the_nearest(tmp_path, own, error, message):
+    path = tmp_path / "s.toml"
+    path.write_text(f'[rig]\nmodel = "DriveTrain.Rigs.HipKnee"\n[fit]\nown = {own}\n')
+    with pytest.raises(error, match=message):
+        load_study(path).validate(Library())
+
+
+def test_own_values_survive_writing(tmp_path):
+    path = tmp_path / "s.toml"
+    path.write_text('[rig]\nmodel = "DriveTrain.Rigs.HipKnee"\n[fit]\nown = ["zero_H", "payload@shank.m"]  # days\n')
+    study = load_study(path)
+    assert study.own_parameters(Library()) == ["zero_H", "payload_shank.m"]
+    assert load_study(write_study(study, tmp_path / "t.toml")).own == study.own
