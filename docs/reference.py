@@ -263,8 +263,8 @@ def _brackets(rest):
 
 def _effects(library):
     """Every effect: what it is, its equation, its coefficients, its places in the hip-knee rig, its signature."""
-    yield ("# Effects\n\nEvery effect that `diagnose` looks for, from the files in `modelica/DriveTrain/Effects`. "
-           "What is behind them: [effects explained](../explanation/effects.md). A picture shows what the effect "
+    yield ("# Effects\n\nEvery effect that `diagnose` looks for or that `add` adds by name, from the files in "
+           "`modelica/DriveTrain/Effects`. What is behind them: [effects explained](../explanation/effects.md). A picture shows what the effect "
            "changes in a joint's torque or an encoder's reading, over the variable it shows in; blue on the way "
            "out, red back.\n")
     for effect in catalogue(library).values():
@@ -281,6 +281,8 @@ def _effects(library):
         yield f"\n- Places in the hip-knee rig: {', '.join(f'`{p}`' for p in where)}."
         if effect.measured:
             yield f"- Reads from the log: {', '.join(f'`{n}` [{u}]' for n, u in effect.measured.items())}."
+        if effect.by_name:
+            yield f"- Added by its name, in no ranking: {effect.by_name}."
         yield f"- To see it: {notes['experiment']}."
         yield f"- Equations: [{path.stem}](modelica/effects.md#{path.stem})."
         yield (f"\n![Signature of {effect.id}: {effect.description[0].lower()}{effect.description[1:]}]"

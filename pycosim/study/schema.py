@@ -340,8 +340,8 @@ class Study:
             The study has such parameters.
         """
         if self.own:
-            raise StudyError(f"{self.path}: '{verb}' does not take into account that {self.own[0]} has a value of its own "
-                             "in each run; compare, identify and add do: use these, or take [fit] own out")
+            raise StudyError(f"{self.path}: '{verb}' does not take into account that {self.own[0]} has a value of its "
+                             "own in each run; compare, identify and add do: use these, or take [fit] own out")
 
     def validate(self, library):
         """Check every name, bound and unit against the Modelica library.
