@@ -264,9 +264,9 @@ def _brackets(rest):
 def _effects(library):
     """Every effect: what it is, its equation, its coefficients, its places in the hip-knee rig, its signature."""
     yield ("# Effects\n\nEvery effect that `diagnose` looks for or that `add` adds by name, from the files in "
-           "`modelica/DriveTrain/Effects`. What is behind them: [effects explained](../explanation/effects.md). A picture shows what the effect "
-           "changes in a joint's torque or an encoder's reading, over the variable it shows in; blue on the way "
-           "out, red back.\n")
+           "`modelica/DriveTrain/Effects`. What is behind them: [effects explained](../explanation/effects.md). A "
+           "picture shows what the effect changes in a joint's torque or an encoder's reading, over the variable it "
+           "shows in; blue on the way out, red back.\n")
     for effect in catalogue(library).values():
         path = LIBRARY / (effect.model.replace(".", "/") + ".mo")
         text, notes = path.read_text(encoding="utf-8"), annotation(library, effect.model)
