@@ -41,7 +41,8 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     folder : path
         Where the files go.
     to : str
-        ``fmu``, ``c``, ``cpp``, ``modelica``, ``ssp``, ``mujoco``, ``mujoco-plugin``, ``jax`` or ``json``.
+        ``fmu``, ``c``, ``cpp``, ``modelica``, ``ssp``, ``mujoco``, ``mujoco-plugin``, ``jax`` or ``json``: the
+        description alone, which callers write as ``export.json`` beside every export.
     fmi, kinds, platforms
         Of an FMU, see `pycosim.export.fmu.export_fmu`.
     real : str

@@ -7,7 +7,7 @@ from html import escape
 from .. import __version__
 from ..compile.effects import component_name
 from .description import STEP
-from .xml import reference
+from .xml import value_reference
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
@@ -57,7 +57,7 @@ def _effects(plant):
 def _variable(plant, number, entry):
     v = entry.variable
     starts = entry.initial == "exact" or entry.causality == "input"
-    return {"name": v.name, "value_reference": reference(number), "type": "Boolean" if entry.boolean else "Real",
+    return {"name": v.name, "value_reference": value_reference(number), "type": "Boolean" if entry.boolean else "Real",
             "unit": v.unit, "description": v.description, "causality": entry.causality,
             "variability": entry.variability, "initial": entry.initial, "start": v.value if starts else None,
             "min": v.min, "max": v.max, "nominal": v.nominal, "from_study": v.name in plant.identified,

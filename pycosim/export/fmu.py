@@ -14,7 +14,7 @@ from .build import binaries
 from .description import c_name, describe
 from .document import to_html
 from .modelica import to_modelica
-from .reference import reference
+from .reference import reference_results
 from .source import WRAPPER, sources
 
 # a name of structured convention, of those that there can be here: no quoted ones, no indices
@@ -53,7 +53,7 @@ def export_fmu(study, model, folder, fmi=2, kinds=("cs", "me"), platforms="host"
     """
     plant = describe(study, model)
     path = Path(folder) / f"{study.name}_fmi{fmi}.fmu"
-    write_fmu(path, {**contents(plant, fmi, kinds, platforms), **reference(plant)})
+    write_fmu(path, {**contents(plant, fmi, kinds, platforms), **reference_results(plant)})
     return path
 
 

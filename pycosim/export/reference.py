@@ -15,7 +15,7 @@ FAST = 50.0      # rad/s; inputs are halved until nothing turns faster
 _TRIES = 12
 
 
-def reference(plant):
+def reference_results(plant):
     """Inputs, results and how they were made, in the format of the FMI cross-check.
 
     Parameters

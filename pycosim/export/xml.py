@@ -66,7 +66,7 @@ def model_description(plant, fmi, kinds, identifier, token):
     return _bytes(root)
 
 
-def reference(number):
+def value_reference(number):
     """Value reference of a variable.
 
     Parameters
@@ -233,7 +233,7 @@ def _attributes(entry):
 
 
 def _common(number, entry):
-    given = {"name": entry.name, "valueReference": str(reference(number))}
+    given = {"name": entry.name, "valueReference": str(value_reference(number))}
     if entry.variable.description:
         given["description"] = entry.variable.description
     given.update(causality=entry.causality, variability=entry.variability)
@@ -249,13 +249,13 @@ def _start(entry):
 
 def _variable2(group, number, entry):
     scalar = xml.SubElement(group, "ScalarVariable", _common(number, entry))
-    derivative = {} if entry.state is None else {"derivative": str(reference(1 + entry.state))}
+    derivative = {} if entry.state is None else {"derivative": str(value_reference(1 + entry.state))}
     xml.SubElement(scalar, "Boolean" if entry.boolean else "Real",
                    {**_attributes(entry), **_start(entry), **derivative})
 
 
 def _variable3(group, number, entry, updated):
-    derivative = {} if entry.state is None else {"derivative": str(reference(1 + entry.state))}
+    derivative = {} if entry.state is None else {"derivative": str(value_reference(1 + entry.state))}
     marked = updated and entry.causality in ("input", "output") and not entry.boolean
     intermediate = {"intermediateUpdate": "true"} if marked else {}
     xml.SubElement(group, "Boolean" if entry.boolean else "Float64",
@@ -277,7 +277,8 @@ def _structure2(structure, plant):
                                  ("InitialUnknowns", initial, "initially")):
         group = xml.SubElement(structure, name) if numbers else None
         for k in numbers:
-            xml.SubElement(group, "Unknown", index=str(reference(k)), dependencies=_known(plant.entries[k], which))
+            xml.SubElement(group, "Unknown", index=str(value_reference(k)),
+                           dependencies=_known(plant.entries[k], which))
 
 
 def _structure3(structure, plant):
@@ -286,9 +287,9 @@ def _structure3(structure, plant):
     for name, numbers, which in (("Output", outputs, "depends"), ("ContinuousStateDerivative", rates, "depends"),
                                  ("InitialUnknown", initial, "initially"), ("EventIndicator", margins, "depends")):
         for k in numbers:
-            xml.SubElement(structure, name, valueReference=str(reference(k)),
+            xml.SubElement(structure, name, valueReference=str(value_reference(k)),
                            dependencies=_known(plant.entries[k], which))
 
 
 def _known(entry, which):
-    return " ".join(str(reference(n)) for n in getattr(entry, which))
+    return " ".join(str(value_reference(n)) for n in getattr(entry, which))

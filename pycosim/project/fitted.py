@@ -438,7 +438,7 @@ class Fitted(Shown):
         return draws.draw(self.solution, n, bounded, self.project.study.seed if seed is None else seed)
 
     def export(self, folder: str | PathLike[str], to: str = "fmu", fmi: int = 2, kinds: Sequence[str] = ("cs", "me"),
-               platforms: str = "host", real: str = "double") -> Export:
+               platforms: str = "host", real: str = "double", self_contained: bool = False) -> Export:
         """The fitted machine for another tool; parameters as for `Project.export`.
 
         Parameters
@@ -449,6 +449,7 @@ class Fitted(Shown):
         kinds : sequence of str
         platforms : str
         real : str
+        self_contained : bool
 
         Returns
         -------
@@ -456,7 +457,7 @@ class Fitted(Shown):
         """
         from .project import exported
         model = self.study.validate(self.project.library)
-        return exported(self.study, model, folder, to, fmi, kinds, platforms, real)
+        return exported(self.study, model, folder, to, fmi, kinds, platforms, real, self_contained)
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the study with this model's effects and the fitted values; ``pycosim.open`` reads it.

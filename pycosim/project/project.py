@@ -365,7 +365,7 @@ class Project(Shown):
         return self.improve().report(path)
 
     def export(self, folder: AnyPath, to: str = "fmu", fmi: int = 2, kinds: Sequence[str] = ("cs", "me"),
-               platforms: str = "host", real: str = "double") -> Export:
+               platforms: str = "host", real: str = "double", self_contained: bool = False) -> Export:
         """The machine with the study's values, for another tool.
 
         Parameters
@@ -373,7 +373,7 @@ class Project(Shown):
         folder : path
             Made, or replaced whole where an export made it.
         to : str
-            ``fmu``, ``c``, ``modelica``, ``ssp``, ``mujoco`` or ``json``.
+            ``fmu``, ``c``, ``cpp``, ``modelica``, ``ssp``, ``mujoco``, ``mujoco-plugin``, ``jax`` or ``json``.
         fmi : int
             2 or 3.
         kinds : sequence of str
@@ -382,6 +382,8 @@ class Project(Shown):
             ``host`` or ``all``.
         real : str
             ``double`` or ``float``, of the C export.
+        self_contained : bool
+            Whether the Modelica export brings the classes of the library along.
 
         Returns
         -------
@@ -391,7 +393,7 @@ class Project(Shown):
         ------
         ExportError, StudyError
         """
-        return exported(self.study, self.model, folder, to, fmi, kinds, platforms, real)
+        return exported(self.study, self.model, folder, to, fmi, kinds, platforms, real, self_contained)
 
     def save(self, path: AnyPath) -> Path:
         """Write the study; ``pycosim.open`` reads it again.
@@ -423,7 +425,7 @@ class Project(Shown):
 
 
 def exported(study: Study, model: Any, folder: AnyPath, to: str, fmi: int, kinds: Sequence[str], platforms: str,
-             real: str) -> Export:
+             real: str, self_contained: bool) -> Export:
     """Write a machine for another tool into a folder of results.
 
     Parameters
@@ -431,7 +433,7 @@ def exported(study: Study, model: Any, folder: AnyPath, to: str, fmi: int, kinds
     study : Study
     model : Model
     folder : path
-    to, fmi, kinds, platforms, real
+    to, fmi, kinds, platforms, real, self_contained
         As for `Project.export`.
 
     Returns
@@ -439,7 +441,7 @@ def exported(study: Study, model: Any, folder: AnyPath, to: str, fmi: int, kinds
     Export
     """
     with Folder(folder, "export", study.path, ("export.json",)) as made:
-        done = export(study, model, made.temporary, to, fmi, list(kinds), platforms, real)
+        done = export(study, model, made.temporary, to, fmi, list(kinds), platforms, real, self_contained)
         made.write("export.json", done.description)
     return done
 

@@ -194,3 +194,9 @@ def test_an_export_takes_the_fitted_values(search, tmp_path):
     fitted = search.final.params["s1A.f0"].value
     told = {v["name"]: v["start"] for v in made.description["variables"] if v["name"] == "s1A.f0"}
     assert told["s1A.f0"] == pytest.approx(fitted, rel=1e-6) and (tmp_path / "out" / "export.json").exists()
+
+
+def test_an_export_brings_the_library_along_where_that_is_asked_for(project, tmp_path):
+    made = [project.export(tmp_path / str(whole), to="modelica", self_contained=whole) for whole in (False, True)]
+    texts = [(tmp_path / str(whole) / m.files[0]).read_text() for whole, m in zip((False, True), made)]
+    assert ["package DriveTrain" in text for text in texts] == [False, True]
