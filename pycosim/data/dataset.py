@@ -169,10 +169,14 @@ class Dataset:
             speed = self.measured.get(f"{component}.{SPEEDS[kind]}") if kind in SPEEDS else None
             first, second = np.zeros(len(self.time)) if speed is None else speed.copy(), np.zeros(len(self.time))
             variance = []
-            for part in (self.run == k for k in range(len(self.logs))):
+            for k, log in enumerate(self.logs):
+                part = self.run == k
                 if np.count_nonzero(part) > 1:
-                    found = derivatives(self.time[part], self.measured[angle][part],
-                                        None if speed is None else speed[part])
+                    try:
+                        found = derivatives(self.time[part], self.measured[angle][part],
+                                            None if speed is None else speed[part])
+                    except DataError as error:
+                        raise DataError(f"{log.path}: {error}; record more, or leave the log out") from None
                     first[part], second[part] = found.first, found.second
                     variance.append(found.noise**2)
             self.signals[name], self.signals[f"der({name})"] = first, second

@@ -51,13 +51,15 @@ class Source:
             raise StudyError(f"{path} is an FMU, not a study; write a study that says which column is which of its "
                              f"variables, and type 'pycosim identify study.toml --fmu {path}'")
         try:
-            self.text = self.path.read_text(encoding="utf-8")
+            self.text = self.path.read_text(encoding="utf-8-sig")  # with or without the mark that some editors set
         except FileNotFoundError:
             near = closest(self.path.name, [p.name for p in self.path.parent.glob("*.toml")])
             raise StudyError(f"no study {path}{near}; 'pycosim new' writes one to start from") from None
-        except (OSError, UnicodeDecodeError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise StudyError(f"{path}: cannot be read as a study ({why})") from None
+        except UnicodeDecodeError as error:
+            raise StudyError(f"{self.path}: is not text in UTF-8 (byte {error.start + 1}), as a study is; save it so, "
+                             "or let 'pycosim new' write one") from None
+        except OSError as error:
+            raise StudyError(f"{self.path}: cannot be read as a study ({error.strerror})") from None
         try:
             self.tables = tomllib.loads(self.text)
         except tomllib.TOMLDecodeError as error:

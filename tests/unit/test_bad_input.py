@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import io
 from tiers import cases
 
 from benchmarks.hidden_effects.machine import PAPER, measure, six_manoeuvres
@@ -84,7 +85,7 @@ LOGS = {
     "time repeated": (lambda f: edited(f, time=repeated(f["time"])), "row 43: time repeats"),
     "time in ms": (lambda f: edited(f, time=f["time"] * 1e6), "time must be in s"),
     "one row": (lambda f: f.head(1), "has one usable row"),
-    "a few rows": (lambda f: f.iloc[100:104], "too few for a derivative"),
+    "a few rows": (lambda f: f.iloc[100:104], "log.csv: 4 samples are too few for a derivative"),
     "a header alone": (lambda f: f.head(0), "has a header but no data rows"),
     "no torque": (lambda f: edited(f, tau1=0.0), "column 'tau1' is exactly zero throughout"),
     "no motion": (lambda f: edited(f, theta1=1.0, theta2=2.0), "nothing moves"),
@@ -119,6 +120,24 @@ def test_a_broken_file_is_refused(kind, whole, here, capsys):
     (here / "study.toml").write_text(STUDY)
     (here / "log.csv").write_bytes(change(whole.head(300).to_csv(index=False).encode()))
     refused(here, capsys, told)
+
+
+def test_files_of_other_formats_that_are_cut_short_are_refused(whole, here, capsys):
+    (here / "study.toml").write_text(STUDY)
+    io.savemat(here / "log.mat", {c: whole[c].to_numpy() for c in ("time", "tau1")}, do_compression=True)
+    (here / "log.mat").write_bytes((here / "log.mat").read_bytes()[:-60])
+    refused(here, capsys, "log.mat: is not a MAT file, or is cut short", data=("log.mat",))
+    pytest.importorskip("mcap")
+    (here / "log.mcap").write_bytes(b"\x89MCAP0\r\n" + b"\x01\x20\0\0\0\0\0\0\0abc")
+    refused(here, capsys, "log.mcap: is not an MCAP file, or is cut short", data=("log.mcap",))
+
+
+def test_a_study_of_another_encoding_is_refused_in_words_and_a_byte_order_mark_is_read(whole, here, capsys):
+    whole.to_csv(here / "log.csv", index=False)
+    (here / "study.toml").write_text(STUDY, encoding="utf-16")
+    refused(here, capsys, "study.toml: is not text in UTF-8 (byte 1)")
+    (here / "study.toml").write_text(STUDY, encoding="utf-8-sig")
+    refused(here, capsys, "closest: 'log.csv'", data=("logs.csv",))
 
 
 def test_a_log_that_is_not_there_is_refused(here, capsys):

@@ -5,6 +5,8 @@ A field ``tau`` of a struct ``log`` is the column ``log.tau``.
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
@@ -25,8 +27,10 @@ def read(path, wanted, text):
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError:
         raise DataError(f"{path}: is a MAT file of version 7.3; save it with the option -v7") from None
-    except (MatReadError, ValueError, OSError, TypeError, IndexError) as error:
-        raise DataError(f"{path}: is not a MAT file, or is cut short ({str(error).splitlines()[0]})") from None
+    except (MatReadError, ValueError, OSError, EOFError, LookupError, TypeError, zlib.error) as error:
+        why = next(iter(str(error).splitlines()), type(error).__name__)
+        raise DataError(f"{path}: is not a MAT file, or is cut short ({why}); save it again, or export the log as "
+                        "CSV") from None
     found = dict(_vectors({n: v for n, v in content.items() if not n.startswith("__")}))
     columns = {n: _labels(v) if n == text else numbers(path, n, v) for n, v in found.items() if n in wanted | {text}}
     sizes = {n: len(v) for n, v in columns.items()}

@@ -8,6 +8,7 @@ other encodings (ROS, Protobuf) are passed over: they need schemas that the file
 from __future__ import annotations
 
 import json
+import struct
 
 import numpy as np
 
@@ -31,9 +32,10 @@ def read(path, wanted, text):
     try:
         with path.open("rb") as stream:
             series, header, others = _collect(path, reader.make_reader(stream), wanted | {text})
-    except (failures, EOFError, ValueError) as error:
+    except (failures, EOFError, ValueError, OSError, struct.error) as error:  # the last two of a length that is junk
         why = str(error) or type(error).__name__
-        raise DataError(f"{path}: is not an MCAP file, or is cut short ({why})") from None
+        raise DataError(f"{path}: is not an MCAP file, or is cut short ({why}); repair it, or export the log as CSV or "
+                        "Parquet") from None
     if not header:
         raise DataError(f"{path}: has no message encoded as JSON (but {', '.join(sorted(others)) or 'none at all'}); "
                         "write the channels as JSON, or export them as CSV or Parquet")

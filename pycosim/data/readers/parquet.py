@@ -36,7 +36,8 @@ def _understood(path):
     try:
         yield
     except (OSError, ValueError) as error:  # pyarrow's own errors derive from these
-        raise DataError(f"{path}: is not a Parquet file ({str(error).splitlines()[0]})") from None
+        raise DataError(f"{path}: is not a Parquet file, or is cut short ({str(error).splitlines()[0].rstrip('.')}); "
+                        "export the log again, or as CSV") from None
 
 
 def _tables(path, parquet, header, used, text):
