@@ -6,11 +6,11 @@ import socket
 
 from nicegui import app, run, ui
 
-from ..compile import compile_model, find_effect
+from ..compile import compile_model
 from ..diagnosis.compare import worded
 from ..diagnosis.dependence import noise_floor
 from ..fit.nullspace import number
-from ..report import charts, drawings, plan_figures, records, sentences
+from ..report import charts, drawings, plan_figures, records, schematic, sentences
 from .session import Session
 from .wizard import Wizard
 from .workbench import Given, Workbench
@@ -20,13 +20,16 @@ PRIMARY = "#2b6ea6"  # 5.3 to white, as text and as ground
 HIDDEN_CHARTS = """<script>
 addEventListener("unhandledrejection", e => { if (/displayed plot div/.test(e.reason)) e.preventDefault(); });
 </script>"""
-# Quasar's own red and the blue of the buttons are too dark on a dark ground: 2.9 and 3.2; these have 8.7 and 8.6
+# Quasar's own red and the blue of the buttons are too dark on a dark ground: 2.9 and 3.2; these have 8.7 and 8.6; the
+# others are the report's, for the drawing
 READABLE = """<style>
 .body--dark { --q-negative: #ff9a90 !important; }
 .body--dark .text-primary { color: #7db8e8 !important; }
-</style>"""
+.body--dark { --paper: #121212; --muted: #a3adb8; --link: #6fb9f2; --bad: #ff9d5c; }
+""" + schematic.STYLE + "</style>"
 CARDS, DRAWN = 12, 3  # candidates that are listed, and of these with their signature
 TICK = 0.3  # s between looks at what has changed
+SLOW = 60.0  # s in which a browser answers, on a machine that is busy
 SOON = 0.05  # s until figures are begun, so that words are there first
 RESULTS = "/results"
 PARTS = {"log": ("data",), "answers": (), "steps": ("summary", "data", "comparison", "effects", "parameters", "plan",
@@ -170,9 +173,20 @@ class Page:
         """
         drawn = ui.plotly(self._figure(chart)).classes("w-full")
         words = chart.caption.replace('"', "'")
-        drawn.props(f'role=img aria-label="{words}"')
+        drawn.props(f'role=group aria-label="{words}"')
         ui.label(chart.caption).classes("text-sm opacity-80")
         return drawn
+
+    def drive_train(self, model, **marked):
+        """The drive train, as the report draws it.
+
+        Parameters
+        ----------
+        model : Model
+        **marked
+            Of `pycosim.report.schematic.schematic`.
+        """
+        ui.html(schematic.figure(model, **marked), sanitize=False).classes("w-full")
 
     def _figure(self, chart):
         return {**chart.themed(self.theme), "config": {"responsive": True, "displaylogo": False}}
@@ -237,6 +251,8 @@ class Page:
         d, numbers = self.bench.dataset, list(dict.fromkeys((first, second)))
         models = [(self.bench.steps[k].model, self.bench.steps[k].fit) for k in numbers]
         names = [self.bench.names()[k] for k in numbers]
+        error = self.bench.steps[numbers[-1]].error
+        self.drive_train(models[-1][0], **schematic.coloured(models[-1][0], error, d.units))
         if not d.averaged:
             self.later(lambda: charts.chart(drawings.timeline(d, models, names)), self._timeline)
         self.later(lambda: {c.choice: charts.chart(c) for c in (
@@ -286,6 +302,9 @@ class Page:
             told = records.diagnosis(bench.found, bench.dataset)
             for line in sentences.summary_diagnosis({**told, "undetectable": []}, bench.library, len(bench.steps) > 1):
                 ui.label(line)
+            best = [f for f in bench.found.candidates if f.accepted][:1]
+            alike = [(t["effect"], t["place"]) for f in best for t in f.twins]
+            self.drive_train(bench.step.model, **schematic.marked(bench.step.model, [f.key for f in best], alike))
             for k, (candidate, finding) in enumerate(zip(told["candidates"][:CARDS], bench.found.candidates)):
                 self._card(candidate, finding, k < DRAWN)
             with ui.expansion("What these data cannot show").classes("w-full"):
@@ -300,7 +319,7 @@ class Page:
         with ui.card().classes("w-full"):
             with ui.row().classes("items-center justify-between w-full"):
                 ui.label(f"{effect.replace('_', ' ')} at {place}" + (" - accepted" if told["accepted"] else "")
-                         ).classes("text-lg font-bold").props("role=heading aria-level=3")
+                         ).classes("text-lg font-bold").props("role=heading aria-level=2")
                 ui.button("Add", on_click=lambda: self.session.start(key, self.bench.add, effect, place, after=(
                     "steps", "diagnosis"))).props(f'aria-label="Add {effect} at {place}"')
             self.notice(key)
@@ -310,11 +329,9 @@ class Page:
                 self.later(self._signature(finding))
 
     def _lines(self, told):
-        yield told.get("sentence") or f"{find_effect(self.bench.library, told['effect']).description}."
-        yield ", ".join(sentences.coefficient_text(n, c) for n, c in told["coefficients"].items()) + "."
+        yield told["sentence"]
         change = sentences.change_text(self.bench.step.fit.error, told["predicted_error"], self.bench.dataset.units)
-        yield f"p = {number(told['p_value'])} over everything that was tested; error, predicted: {change}."
-        yield from sentences.alternatives_text(told, self.bench.library)
+        yield f"Error with it, predicted: {change}; p = {number(told['p_value'])} over everything that was tested."
         if told.get("experiment"):
             yield f"What would decide: {told['experiment']}."
 
@@ -507,8 +524,12 @@ def serve(study, data, folder, port, show, progress, say):
     async def index():
         ui.add_head_html(HIDDEN_CHARTS + READABLE)
         ui.colors(primary=PRIMARY)
-        await ui.context.client.connected()
-        Page(session, bool(await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")))
+        client = ui.context.client
+        await client.connected()
+        dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=SLOW)
+        if not client.is_deleted:  # else the page was left before it was there
+            Page(session, bool(dark))
 
     # what is computed holds the interpreter for seconds at a time; a browser must not take that for a lost connection
-    ui.run(host="127.0.0.1", port=port, show=show, reload=False, show_welcome_message=False, reconnect_timeout=120.0)
+    ui.run(host="127.0.0.1", port=port, show=show, reload=False, show_welcome_message=False, reconnect_timeout=120.0,
+           language="en-US")

@@ -15,6 +15,14 @@ from ..study.template import rigs
 
 NONE = "(not in the log)"
 POINTS, WIDE, HIGH = 200, 220, 44  # of a preview: points, and pixels
+# the head that Quasar gives an upload has a button without a name, and a field for files in it without a label
+DROP = """
+<div class="row items-center q-pa-sm q-gutter-sm no-wrap">
+  <q-btn flat icon="add" aria-label="Choose a log" @click="props.pickFiles" />
+  <label class="col relative-position cursor-pointer">or drop a log here (CSV and other text, Parquet, MAT, MCAP, MDF)
+    <q-uploader-add-trigger /></label>
+  <q-spinner v-if="props.isUploading" />
+</div>"""
 
 
 def preview(name, values):
@@ -89,8 +97,8 @@ class Wizard:
         with ui.row().classes("items-end w-full"):
             log = ui.input("Log file on this machine").classes("grow")
             ui.button("Use log", on_click=lambda: session.use(log.value))
-        ui.upload(label="or drop a log here (CSV and other text, Parquet, MAT, MCAP, MDF)", auto_upload=True,
-                  on_upload=self._dropped).props("flat bordered").classes("w-full")
+        dropped = ui.upload(auto_upload=True, on_upload=self._dropped).props("flat bordered").classes("w-full")
+        dropped.add_slot("header", DROP)
         self.notice("log")
 
     async def _dropped(self, event):

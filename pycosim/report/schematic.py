@@ -199,6 +199,35 @@ def named(model, channels):
     return found
 
 
+def marked(model, effects, alternatives=()):
+    """What `schematic` takes to mark where effects act, and less, where else it could be.
+
+    Parameters
+    ----------
+    model : Model
+    effects, alternatives : sequence of (str, str)
+        Effects and places.
+
+    Returns
+    -------
+    dict
+        ``highlight`` and ``also``.
+    """
+    marks, others = {}, {}
+    for told, keys in ((marks, effects), (others, alternatives)):
+        for effect, place in keys:
+            for name in components(model, place):
+                told.setdefault(name, []).append(effect.replace("_", " "))
+    return {"highlight": {n: _few(some) for n, some in marks.items()},
+            "also": {n: f"or {_few(some)}" for n, some in others.items()}}
+
+
+def _few(names):
+    """One name, or how many there are."""
+    different = list(dict.fromkeys(names))
+    return different[0] if len(different) == 1 else f"{len(different)} effects"
+
+
 def coloured(model, error, units):
     """What `schematic` takes to colour places by the errors measured there.
 

@@ -93,15 +93,8 @@ class Verdict:
 
     def _marks(self):
         """What the drawing marks: the effects that were added, and less, what they cannot be told from."""
-        marks, others = {}, {}
-        for step in self.added:
-            alike = [(t["effect"], t["place"]) for t in self._alternatives(step)]
-            for found, keys in ((marks, [step.added]), (others, alike)):
-                for effect, place in keys:
-                    for name in schematic.components(self.dataset.base, place):
-                        found.setdefault(name, []).append(effect.replace("_", " "))
-        return {"highlight": {n: _few(some) for n, some in marks.items()},
-                "also": {n: f"or {_few(some)}" for n, some in others.items()}}
+        alike = [(t["effect"], t["place"]) for step in self.added for t in self._alternatives(step)]
+        return schematic.marked(self.dataset.base, [step.added for step in self.added], alike)
 
     # ---- rows
 
@@ -260,12 +253,6 @@ class Verdict:
         return [f"{_capital(text)}: that shows "
                 f"{sentences.joined([e.replace('_', ' ') for e in effects])}, invisible so far."
                 for text, effects in ranked]
-
-
-def _few(names):
-    """One name, or how many there are."""
-    different = list(dict.fromkeys(names))
-    return different[0] if len(different) == 1 else f"{len(different)} effects"
 
 
 def _named(effect, place):

@@ -4,6 +4,7 @@ its charts hold data, zoom keeps peaks."""
 import csv
 
 import pytest
+from objections import violations
 
 DRAWN = "figure.chart:not([hidden])"
 
@@ -42,6 +43,13 @@ def test_every_word_of_the_answer_is_readable(opened, theme):
     opened.wait_for_selector(f"html[data-theme={theme}]")
     found = opened.evaluate(CONTRAST)
     assert len(found) > 40 and min(found) >= 4.5
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_axe_core_finds_no_violation(opened, theme):
+    opened.emulate_media(color_scheme=theme)
+    opened.wait_for_selector(f"html[data-theme={theme}]")
+    assert violations(opened) == []
 
 
 def test_on_a_phone_the_drive_train_runs_down_and_nothing_is_wider_than_the_screen(page, report):

@@ -38,7 +38,7 @@ class _Reader(HTMLParser):
         attributes = dict(attributes)
         self.ids.append(attributes.get("id"))
         self.addresses += [attributes[k] for k in ("href", "src", "action") if k in attributes]
-        if attributes.get("role") == "img":
+        if attributes.get("role") == "img" or attributes.get("class") == "plot":
             self.pictures.append(attributes)
 
 
