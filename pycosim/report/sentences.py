@@ -405,8 +405,24 @@ def _nothing(result, library, final):
     best = min(result["candidates"], key=lambda c: c["p_value"], default=None)
     if best:
         line += (f": of {tested} candidates the likeliest is {best['effect']} at {best['place']}, "
-                 f"p = {number(best['p_value'])} family-wise")
+                 f"p = {number(best['p_value'])} family-wise{but(best)}")
     return [line + ".", _at_floor(result)]
+
+
+def but(best):
+    """Why a candidate that chance does not explain is none; nothing for others.
+
+    Parameters
+    ----------
+    best : dict
+        A candidate of ``diagnosis.json``.
+
+    Returns
+    -------
+    str
+        As ``, but it is refused: too small to matter``.
+    """
+    return f", but it is refused: {best['refused']}" if best["p_value"] < LEVEL and best.get("refused") else ""
 
 
 def _too_little(result, library, final):

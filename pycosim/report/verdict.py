@@ -147,7 +147,7 @@ class Verdict:
             lines.append(f"Of {self.tested} effects and places tested the likeliest is "
                          f"{_named(best['effect'], best['place'])}; chance alone would find something as large in "
                          f"{cards.chance(best['p_value'])} (p = {number(best['p_value'])}); an effect counts "
-                         f"below p = {LEVEL:g}.")
+                         f"below p = {LEVEL:g}{sentences.but(best)}.")
         return lines
 
     def _error(self):

@@ -15,7 +15,7 @@ from pycosim.cli import demo
 from pycosim.data.checks.finding import Checked, Finding
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis.search import Improvement
-from pycosim.report import charts, consequence, controller, drawings, values
+from pycosim.report import charts, consequence, controller, drawings, sentences, values
 from pycosim.report.page import SECTIONS, Page, write_numbers, write_report
 
 
@@ -341,3 +341,12 @@ def test_curves_differ_without_colour(found):
                   str((t.get("marker") or {}).get("symbol")), str((t.get("marker") or {}).get("pattern")))
                  for t in chart.traces if t.get("showlegend", True) and t["type"] != "heatmap" and chart.id != "plane"]
         assert len(set(looks)) == len(looks), chart.id
+
+
+def test_a_candidate_that_chance_does_not_explain_and_that_is_none_says_why():
+    best = {"effect": "stribeck", "place": "2A", "p_value": 0.001, "refused": "too small to matter", "twins": []}
+    result = {"candidates": [best], "error": {"C": 1.0}, "noise_floor": {"C": 1.0}, "units": {"C": "N.m"},
+              "verdict": "nothing_missing", "undetectable": [], "smallest_detectable": [], "channels": {}}
+    assert "p = 0.001 family-wise, but it is refused: too small to matter." in sentences.summary_diagnosis(result)[0]
+    best.update(p_value=0.4, refused="no more than chance")
+    assert "p = 0.4 family-wise." in sentences.summary_diagnosis(result)[0]
