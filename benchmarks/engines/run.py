@@ -300,8 +300,11 @@ def _times(mujoco, made, driven, rounds):
     return one, loop
 
 
-def batch(n=4096, rounds=30):
-    """An implicit step of 4096 machines: JAX on the CPU against a loop in C on one core [us]."""
+def batch(n=4096, rounds=400):
+    """An implicit step of 4096 machines: JAX on the CPU against a loop in C, machine by machine, on one core [us].
+
+    The least of many rounds: on a busy machine, JAX's threads wait for a core in most of them.
+    """
     import jax
     _, _, _, own = machine("ServoPendulum")
     rng = np.random.default_rng(0)
