@@ -18,7 +18,6 @@ from ..control.controllers import estimator
 from ..core.errors import DataError, ExportError, StudyError
 from ..core.extras import extra
 from ..diagnosis.confirm import frozen
-from ..dynamics.filters import recorded
 from ..export.controller import export_block
 from .components import _exported, _Fmu
 from .scenario import Component
@@ -143,5 +142,4 @@ def _reference(dataset, model, parameters, name):
     if own is None:
         return measured
     shown = dataset.segment_signals(model, parameters, [name, own])
-    shown = recorded(dataset.ask(model), {name: own.rpartition(".")[0]}, shown, dataset.time, dataset.run, parameters)
-    return measured - (shown[name] - shown[own])
+    return measured + shown[own] - shown[name] + dataset.behind(model, parameters).get(name, 0.0)

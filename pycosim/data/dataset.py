@@ -13,6 +13,7 @@ from scipy.signal import savgol_filter
 from ..compile import ArrayFunction, catalogue, compile_model, component_name
 from ..core.errors import DataError, StudyError
 from ..dynamics.delays import undo
+from ..dynamics.filters import settings
 from ..dynamics.states import dependent_parameters, propagate
 from . import instruments, segmentation
 from .derivatives import derivatives, resolution
@@ -295,8 +296,7 @@ class Dataset:
         It is zero near their ends, where a torque recorded late jumps, and tells of that jump and of no slope.
         """
         if name not in self._slopes:
-            found = np.zeros(len(self.time))
-            values = self.exogenous().get(name, found)
+            found, values = np.zeros(len(self.time)), self.exogenous().get(name, np.zeros(len(self.time)))
             for s in contiguous(self.time, self.passes):
                 if self.passes[s.start] >= 0:
                     time, v = self.time[s], values[s]
@@ -687,6 +687,26 @@ class Dataset:
             return None
         return Held({self.outputs.index(c): n for c, n in lags.items()}, np.array([self.moved(c) for c in lags]),
                     self.time, self.run, index)
+
+    def behind(self, model, parameters):
+        """By how much measured channels were recorded behind what they show, where a filter has held them back.
+
+        Parameters
+        ----------
+        model : Model
+        parameters : dict of str to float
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            By channel, in its unit.
+        """
+        question = self.ask(model)
+        held = self._held(question, np.arange(len(self.time)))
+        if held is None:
+            return {}
+        times = settings(question, list(held.lags.values()), parameters)
+        return {self.outputs[channel]: behind for channel, behind, _ in held.behind(times)}
 
     def moved(self, channel):
         """What the motion alone predicts of a measured channel that is a function of it, as the torque of a load is.

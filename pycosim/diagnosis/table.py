@@ -20,7 +20,8 @@ from ..data.instruments import rounding
 from ..data.noise import contiguous
 from ..data.residuals import Residuals
 from ..dynamics.delays import Record
-from ..dynamics.states import propagate, scan
+from ..dynamics.filters import first_order
+from ..dynamics.states import propagate
 
 _LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
 _ENOUGH = 20000  # samples to test by; longer logs are thinned, the noise of the residual averaged ..
@@ -227,11 +228,9 @@ class Table:
     def _ahead(self, now, delay, lag):
         """What a signal is ahead of itself a delay earlier, or behind a filter of first order."""
         if lag:
-            step, rise = np.diff(self.dataset.time[self.path]), np.diff(now[self.path])
-            same = np.diff(self.dataset.run[self.path]) == 0
-            step = np.where(same, step, 1.0)
-            kept = np.exp(-step / lag)
-            return self._spread(scan((same * kept)[None], (same * rise * (1 - kept) * lag / step)[None])[0])
+            now = now[self.path]
+            filtered = first_order(now[None], lag, self.dataset.time[self.path], self.dataset.run[self.path])[0][0]
+            return self._spread(now - filtered)
         if id(now) not in self._records:
             self._records[id(now)] = Record(self.dataset.time, now, self.dataset.run)
         return self._spread(now[self.path] - self._records[id(now)].at(-delay, some=self.path))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..compile import ArrayFunction
+from .filters import settings
 
 _LEAST = 8  # samples of a log that is moved
 
@@ -41,9 +41,7 @@ def undo(question, signals, time, run, parameters, slopes=None, rate=None):
     if not question.late:
         return signals
     found = dict(signals)
-    chosen = question.select([*question.late.values(), *(f"lag({n})" for n in question.late)])
-    values = ArrayFunction(chosen.output)([0.0] * (len(chosen.inputs) + len(chosen.states))
-                                          + [float(parameters[n]) for n in chosen.parameters], 1)[:, 0]
+    values = settings(question, [*question.late.values(), *(f"lag({n})" for n in question.late)], parameters)
     for name, behind, lag in zip(question.late, *np.split(values, 2)):
         delay = behind - lag
         if name not in (slopes or {}):

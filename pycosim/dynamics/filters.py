@@ -33,10 +33,26 @@ def recorded(question, outputs, values, time, run, parameters):
     held = {n: c for n, c in outputs.items() if c in question.held and n in values}
     if not held:
         return values
-    chosen = question.select([question.held[c] for c in held.values()])
-    lags = ArrayFunction(chosen.output)([0.0] * (len(chosen.inputs) + len(chosen.states))
-                                        + [float(parameters[n]) for n in chosen.parameters], 1)[:, 0]
+    lags = settings(question, [question.held[c] for c in held.values()], parameters)
     return {**values, **{n: first_order(values[n][None], lag, time, run)[0][0] for n, lag in zip(held, lags)}}
+
+
+def settings(question, outputs, parameters):
+    """Outputs of a question that its parameters alone decide: delays and time constants of what is recorded.
+
+    Parameters
+    ----------
+    question : Question
+    outputs : list of str
+    parameters : dict of str to float
+
+    Returns
+    -------
+    ndarray, shape (outputs,)
+    """
+    chosen = question.select(outputs)
+    return ArrayFunction(chosen.output)([0.0] * (len(chosen.inputs) + len(chosen.states))
+                                        + [float(parameters[n]) for n in chosen.parameters], 1)[:, 0]
 
 
 def first_order(values, lag, time, run):
