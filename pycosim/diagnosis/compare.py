@@ -8,8 +8,9 @@ from ..study.schema import LOG_VARIABLES
 from .dependence import explanations
 
 GROUPS = 8
-WORDS = {"speed": "speed of {}", "load": "mean load of {}", "acceleration": "acceleration of {}",
-         "time_since_reversal": "time since reversal"}
+WORDS = {"speed": "speed of {}", "angle": "angle of {}", "load": "mean load of {}",
+         "acceleration": "acceleration of {}", "time_since_reversal": "time since reversal"}
+OWN = {"speed": "w", "angle": "phi", "load": "L", "acceleration": "w"}  # a segment's
 
 
 def worded(name):
@@ -45,8 +46,8 @@ def unit_of(dataset, name):
     kind, _, place = name.partition("@")
     flat = dataset.base.variables
     component = next((c for c, p in dataset.base.segments.items() if p == place), None)
-    if component is not None and kind in ("speed", "acceleration", "load"):  # a column may have such a name too
-        unit = flat[f"{component}.{'L' if kind == 'load' else 'w'}"].unit
+    if component is not None and kind in OWN:  # a column may have such a name too
+        unit = flat[f"{component}.{OWN[kind]}"].unit
         return unit + "/s" if kind == "acceleration" else unit
     if kind in ("time", "time_since_reversal"):
         return "s"

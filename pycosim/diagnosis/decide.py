@@ -20,6 +20,7 @@ from .crossval import difference, select
 from .dependence import RELEVANT, dependence, noise_floor
 from .excitation import smallest, undetectable, varied
 from .lack_of_fit import unexplained
+from .remainder import outweighed
 from .scores import LEVEL, PRESSED, Scores
 from .table import Table
 
@@ -50,7 +51,8 @@ class Finding:
     provisional: bool = False
     refused: str | None = None
     explained_by: dict | None = None
-    constancy: object = None
+    varies_with: str | None = None
+    outweighed_by: str | None = None
     selection: object = None
     fit: object = None
 
@@ -142,9 +144,11 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
 
     def steady(finding):
         larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
-        finding.constancy = constancy(dataset, larger, finding.fit)[finding.key]
-        gain = finding.constancy.gain * finding.selection.raw.sum()
-        return gain <= LACK * difference(base.raw, finding.selection.raw)[0]
+        law, own = constancy(dataset, larger, finding.fit)[finding.key], finding.selection
+        if law.gain * own.raw.sum() > LACK * difference(base.raw, own.raw)[0]:
+            finding.varies_with = law.variable
+        finding.outweighed_by = outweighed(dependence(dataset, larger, finding.fit, seed), base, own)
+        return finding.varies_with is None and finding.outweighed_by is None
 
     chosen = _chosen(dataset, model, fit, findings, rivals, base, steady, scores.single)
     if chosen is not None:
@@ -421,12 +425,10 @@ def _told_from_nothing(dataset, model, finding, smaller, without):
     """The fit, with what the likelihood ratio rules out although an interval holds it.
 
     An interval takes the model as straight. A factor of a product, such as the growth of a loss that is small itself,
-    may be known to differ from nothing while its size is not known at all: the interval is all that the bounds allow.
+    or a drift whose time is longer than the log, is known to differ from nothing long before its size is known. Where
+    the model is straight, both say the same.
     """
-    variables, base = finding.fit.variables, component_name(*model.attached[-1])
-    if not all(finding.fit.interval(f"{base}.{n}") == [variables[f"{base}.{n}"].min, variables[f"{base}.{n}"].max]
-               for n in finding.sizes):
-        return finding.fit
+    base = component_name(*model.attached[-1])
 
     def squares(m, f):
         problem = dataset.residuals(m, f.free, f.parameters, "fit")

@@ -17,10 +17,14 @@ MOMENTS = 1.5  # [s]: a stretch in which friction that comes and goes is taken t
 ALARM = 4.0  # standard errors by which a dependence must lower the error on blocks that it was not fitted to ..
 RELEVANT = 0.01
 """Least share of the energy that matters: half a percent of the error, which nobody would notice in an estimate."""
+SAME = 0.9999  # correlation of two angles that tell the same
 SAMPLES = 20000  # that bins are compared on
 BROAD = 1.1  # times its energy in a few draws, that rounding may leave
 AGAIN = 12  # times that what was measured is rounded anew
-SHARE, FEW = 0.05, 2.5  # .. or this share of the error's energy, where few blocks hold it, and so many standard errors
+SHARE, FLIPS, RARE = 0.05, 199, 0.01
+""".. or a share of the energy that so few of so many flips of the blocks' signs reach: where few blocks hold what is
+missing, their scatter tells no standard error (wild cluster bootstrap: Cameron, Gelbach, Miller, *Bootstrap-based
+improvements for inference with clustered errors*, 2008)."""
 
 
 def noise_floor(dataset, model, fit):
@@ -111,10 +115,13 @@ def explanations(dataset, model, fit, problem_index):
     if not dataset.averaged:
         found["time"] = dataset.time
         found["time_since_reversal"] = time_since_reversal(dataset)
-    segments = model.segments
-    signals = dataset.segment_signals(model, fit.parameters,
-                                      [f"{c}.{v}" for c in segments for v in ("w", "L")], None, dataset.exogenous())
+    segments, angles = model.segments, []
+    signals = dataset.segment_signals(model, fit.parameters, [f"{c}.{v}" for c in segments for v in ("w", "L", "phi")],
+                                      None, dataset.exogenous())
     for component, place in segments.items():
+        if f"{component}.phi" in signals and not dataset.averaged:
+            found[f"angle@{place}"] = signals[f"{component}.phi"]
+            angles.append(f"angle@{place}")
         if f"{component}.w" in signals:
             found[f"speed@{place}"] = signals[f"{component}.w"]
             found[f"load@{place}"] = signals[f"{component}.L"]
@@ -125,7 +132,12 @@ def explanations(dataset, model, fit, problem_index):
                     t, w = dataset.time[part], signals[f"{component}.w"][part]
                     rate[part] = np.gradient(w, t)
             found[f"acceleration@{place}"] = rate
-    return {n: v[problem_index] for n, v in found.items() if np.ptp(v[problem_index]) > 0}
+    found = {n: v[problem_index] for n, v in found.items() if np.ptp(v[problem_index]) > 0}
+    for name in [n for n in angles if n in found]:  # one that a column or another segment tells is said once
+        values = found.pop(name)
+        if not any(abs(np.corrcoef(values, v)[0, 1]) > SAME for v in found.values()):
+            found[name] = values
+    return found
 
 
 def time_since_reversal(dataset):
@@ -248,6 +260,23 @@ class _Given:
         wave = self.waves[k]
         return (weights * wave * residual).sum(0), (weights * wave ** 2).sum(0)
 
+    def by_chance(self, drives, energy, share):
+        """Part of the flips of the blocks' signs in which some wave and variable takes as much of the energy."""
+        count, folds = self.label.max() + 1, self.fold.max() + 1
+        fold = np.zeros(count, dtype=int)
+        fold[self.label] = self.fold
+        signs = np.random.default_rng(count).choice((-1.0, 1.0), (FLIPS, count))
+        most = np.zeros(FLIPS)
+        for name, bins in self.bins.items():
+            if name != "time":  # slow noise is a function of it, and goes on from block to block
+                k = bins.max() + 1
+                for xy, xx in drives:
+                    own = np.bincount(self.label * k + bins, xy, count * k).reshape(count, k)
+                    squares = np.bincount(self.fold * k + bins, xx, folds * k).reshape(folds, k)
+                    sums = np.stack([signs[:, fold == f] @ own[fold == f] for f in range(folds)], 1)
+                    most = np.maximum(most, _taken(sums, squares)[0].sum((1, 2)) / energy)
+        return (1 + np.count_nonzero(most >= share)) / (1 + FLIPS)
+
     def removed(self, drives, bins, energy):
         """Share of the energy, and its standard errors, that each wave times a function of bins removes."""
         count = self.label.max() + 1
@@ -283,7 +312,7 @@ def _dependence(given, chosen, whole=False):
     drives = given.drives(weights, given.residual)
     rounded = [lambda k, r=r: given.drive(weights, r, k) for r in given.roundings]
     beyond = 1.0 - BROAD * max(((weights * r ** 2).sum() / energy for r in given.roundings), default=0.0)
-    found, sure, most = [], False, (0.0, None)
+    found, sure, most, mild = [], False, (0.0, None), 0.0
     for name, bins in given.bins.items():
         tried = given.removed(drives, bins, energy)
         k = max(range(len(tried)), key=lambda i: tried[i][0])
@@ -292,8 +321,11 @@ def _dependence(given, chosen, whole=False):
             share -= max(given.removed([again(k)], bins, energy)[0][0] for again in rounded)
             share = min(share, beyond)
         found.append({"variable": name, "strength": max(0.0, float(share))})
-        sure |= _beyond_chance(share, errors)
+        sure |= errors > ALARM and share > RELEVANT
+        mild = max(mild, share) if name != "time" else mild
         most = max(most, (share, (k, bins)), key=lambda m: m[0])
+    if not sure and mild > SHARE:
+        sure = given.by_chance(drives, energy, mild) <= RARE
     if whole and not given.dataset.paired and not given.dataset.averaged:
         sure |= _comes_and_goes(given, weights, drives, most, energy, found)
     found = [{**e, "strength": round(e["strength"], 4)} for e in found]
@@ -314,16 +346,13 @@ def _comes_and_goes(given, weights, drives, most, energy, found):
 def _ordered(dataset, found):
     """Most first; of variables that follow from each other, the angle before what it causes."""
     angles = {n for n, c in dataset.study.columns.items() if c.variable.endswith("phi")}
+    angles |= {e["variable"] for e in found if e["variable"].startswith("angle@")}
     channels = {n for n, c in dataset.study.columns.items() if c.variable in dataset.outputs}
 
     def order(entry):
         name = entry["variable"]
         return -entry["strength"] * (1.02 if name in angles else 0.9 if name in channels else 1.0)
     return sorted(found, key=order)
-
-
-def _beyond_chance(share, errors):
-    return (errors > ALARM and share > RELEVANT) or (share > SHARE and errors > FEW)
 
 
 def _without(residual, waves, drives, most):
@@ -394,10 +423,14 @@ def explained(xy, xx, energy, bins, fold, block, count):
     """
     k, f = bins.max() + 1, fold.max() + 1
     cell = fold * k + bins
-    sum_xy, sum_xx = (np.bincount(cell, v, f * k).reshape(f, k) for v in (xy, xx))
-    others_xy, others_xx = sum_xy.sum(0) - sum_xy, sum_xx.sum(0) - sum_xx
-    ridge = 1e-3 * sum_xx.sum() / k + 1e-300
-    beta = (others_xy / (others_xx + ridge)).ravel()[cell]
+    beta = _taken(*(np.bincount(cell, v, f * k).reshape(f, k) for v in (xy, xx)))[1].ravel()[cell]
     per_block = np.bincount(block, beta * (2 * xy - beta * xx), count)
     spread = np.sqrt(count * per_block.var(ddof=1)) if count > 1 else np.inf
     return per_block.sum() / energy, per_block.sum() / (spread + 1e-300)
+
+
+def _taken(sum_xy, sum_xx):
+    """What bins take of the energy out of fold, and the factors that the other folds give them: (.., folds, bins)."""
+    others_xy, others_xx = (v.sum(-2, keepdims=True) - v for v in (sum_xy, sum_xx))
+    beta = others_xy / (others_xx + 1e-3 * sum_xx.sum() / sum_xx.shape[-1] + 1e-300)
+    return beta * (2 * sum_xy - beta * sum_xx), beta

@@ -11,9 +11,11 @@ from . import compare
 from .constancy import LACK, constancy
 from .crossval import difference, select
 from .decide import SEPARATE, Finding, diagnose, nudged
+from .dependence import dependence
+from .remainder import outweighed
 
 MOST = 6  # effects that one search may add
-AHEAD = 4  # effects that the search goes on with, to see whether a coefficient becomes constant
+AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
 
 
 @dataclass
@@ -288,14 +290,20 @@ def _ahead(dataset, steps, found, seed, progress):
             break
         path.append(_added(dataset, path, chosen, progress))
         last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress)
-        if _constant(dataset, path, last.noise, len(steps)):
+        if _constant(dataset, path, last.noise, len(steps), seed):
             return path, last
     return None, None
 
 
-def _constant(dataset, steps, noise, known):
-    """Whether every effect added after the known steps has one coefficient all over the data, beside the others."""
+def _constant(dataset, steps, noise, known, seed):
+    """Whether every effect added after the known steps has one coefficient all over the data, beside the others.
+
+    What is left must not outweigh what they have taken together.
+    """
     full = select(dataset, steps[-1].model, steps[-1].fit, noise)
+    before = select(dataset, steps[known - 1].model, steps[known - 1].fit, noise, full.usual)
+    if outweighed(dependence(dataset, steps[-1].model, steps[-1].fit, seed), before, full):
+        return False
     told = constancy(dataset, steps[-1].model, steps[-1].fit)
     for out in steps[known:]:
         if told[out.added].gain > 0.0:

@@ -110,9 +110,9 @@ def diagnosis(found, dataset):
         candidates that were only scored have expected coefficients without interval; ``conditional``: the interval
         comes from the data that chose the effect, and holds if the effect is there; ``explained_by``, the accepted
         effect beside which a candidate's evidence vanishes; ``refused``, why a refitted candidate is no finding;
-        ``varies_with``, what the coefficient of one that stands in for another law differs over; ``channels``, what
-        each channel says for itself; the cards of `cards`, what the log varies, and where an unexplained residual
-        lives.
+        ``varies_with``, what the coefficient of one that stands in for another law differs over, and
+        ``outweighed_by``, what explains much of what it leaves; ``channels``, what each channel says for itself; the
+        cards of `cards`, what the log varies, and where an unexplained residual lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
                   "units": dataset.units,
@@ -129,7 +129,8 @@ def _candidate(c, library, error):
             "coefficients": c.coefficients or _expected(c, library), "conditional": c.fit is not None,
             "alternatives": c.twins, "twins": c.twins, "refitted": c.fit is not None,
             "explained_by": c.explained_by, "refused": c.refused,
-            "varies_with": c.constancy.variable if c.provisional else None}
+            "varies_with": c.varies_with if c.provisional else None,
+            "outweighed_by": c.outweighed_by if c.provisional else None}
     return {**told, "experiment": cards.experiment(library, c), "variable": cards.variable(library, c),
             "sentence": cards.sentence(library, c, error)}
 

@@ -388,6 +388,9 @@ def _refusals(candidates):
     for c in [c for c in candidates if c.get("varies_with")][:1]:
         found += (f" {c['effect']} at {c['place']} would lower the error, but its coefficient is not the same all over "
                   f"the data: it differs with {c['varies_with']}, so that another law is at work.")
+    for c in [c for c in candidates if c.get("outweighed_by") and not c.get("varies_with")][:1]:
+        found += (f" {c['effect']} at {c['place']} would lower the error, but much of what it leaves still depends on "
+                  f"{c['outweighed_by']}, and no effect of the library explains that beside it.")
     reasons = {}
     for c in [c for c in candidates if c["p_value"] < LEVEL and c.get("refused")][:3]:
         reasons.setdefault(c["refused"], []).append(c)

@@ -1,0 +1,93 @@
+"""What tells a law from one that stands in for it: one coefficient all over the data, and little that is left."""
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from pycosim.diagnosis.constancy import SURE, _Laws, _pieces, levels
+from pycosim.diagnosis.dependence import Dependence, _dependence, _Given
+from pycosim.diagnosis.remainder import outweighed
+
+
+def _fitted(law, speed, rng, memory=0.9):
+    """Residual and slopes of a model with Coulomb friction and a viscous one, fitted to another law."""
+    noise = rng.normal(size=speed.size)
+    for k in range(1, speed.size):
+        noise[k] = memory * noise[k - 1] + np.sqrt(1 - memory ** 2) * noise[k]
+    slope = np.array([np.sign(speed), speed])
+    measured = law(speed) + 0.1 * noise
+    x = np.linalg.lstsq(slope.T, measured, rcond=None)[0]
+    return (measured - x @ slope)[None], slope[None], (x[1] * speed)[None]
+
+
+def _gain(law, seed, blocks=30):
+    """Gain and errors where the speed differs from block to block, and one block alone is fast."""
+    rng = np.random.default_rng(seed)
+    block = np.repeat(np.arange(blocks), 120)
+    peak = rng.uniform(0.2, 1.0, blocks)
+    peak[blocks // 2] = 4.0
+    speed = peak[block] * np.sin(2 * np.pi * np.arange(block.size) / 120)
+    left, slope, added = _fitted(law, speed, rng)
+    return _Laws(added, slope, _pieces(block)).gain(left, levels(speed))
+
+
+def test_a_right_law_gains_nothing_by_a_coefficient_that_varies():
+    false = sum(_gain(lambda w: 0.3 * np.sign(w) + 0.5 * w, seed)[1] > SURE for seed in range(60))
+    assert false <= binom.ppf(0.999, 60, 0.01)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_law_that_stands_in_is_seen_though_one_block_alone_is_fast(seed):
+    gain, errors = _gain(lambda w: 0.3 * np.sign(w) + np.where(w < 0, -0.3 * w ** 2, 0.0), seed)
+    assert errors > SURE and gain > 0
+
+
+def test_equal_speeds_are_one_level_whatever_rounding_makes_of_them():
+    rng = np.random.default_rng(0)
+    speed = np.repeat([-1.0, 1.0], 500) * np.repeat([0.5, 1.0, 0.5, 1.0], 250)
+    cells = levels(speed + 1e-4 * rng.normal(size=speed.size))
+    assert all(np.unique(cells[speed == w]).size == 1 for w in np.unique(speed))
+
+
+def _given(residual, variable, block):
+    """A residual of one channel with friction as the only response, for `_dependence`."""
+    edges = np.quantile(variable, np.linspace(0, 1, 25)[1:-1])
+    return _Given(SimpleNamespace(study=SimpleNamespace(columns={}), outputs=[]), None, residual[None],
+                  [np.ones((1, residual.size))], [True], np.ones((1, 1)), {"x": np.searchsorted(edges, variable)},
+                  block % 5, block, np.empty(0))
+
+
+def _sure(acting, seed, blocks=30):
+    """Whether a residual is said to depend on a variable, where the law acts in a part of the blocks."""
+    rng = np.random.default_rng(seed)
+    block = np.repeat(np.arange(blocks), 100)
+    x = rng.uniform(-1, 1, block.size)
+    size = np.zeros(blocks)
+    size[rng.permutation(blocks)[:acting]] = 4.0
+    noise = rng.standard_t(3, block.size) + rng.normal(size=blocks)[block]
+    return _dependence(_given(size[block] * np.sin(3 * x) + noise, x, block), np.array([True])).sure
+
+
+def test_noise_depends_on_nothing_however_blocks_differ():
+    assert sum(_sure(0, seed) for seed in range(60)) <= binom.ppf(0.999, 60, 0.01)
+
+
+def test_what_a_fifth_of_the_blocks_shows_is_seen():
+    assert sum(_sure(10, seed) for seed in range(20)) >= 18
+
+
+def _told(sure, strength):
+    own = [{"variable": "theta", "strength": strength}]
+    return Dependence(own, sure, {"a": Dependence(own, sure), "b": Dependence(own, False)})
+
+
+@pytest.mark.parametrize("sure, strength, left, expected", [
+    (True, 0.5, (4.0, 3.0), "theta"),  # takes 6 of 10 and leaves 2 that depend on an angle
+    (True, 0.1, (4.0, 3.0), None),
+    (False, 0.5, (4.0, 3.0), None),
+    (True, 0.1, (4.0, 5.0), "theta"),  # pays for it in the other channel
+])
+def test_an_effect_must_take_more_than_it_leaves(sure, strength, left, expected):
+    before, after = (SimpleNamespace(channels=np.array([[a], [b]])) for a, b in ((10.0, 3.0), left))
+    assert outweighed(_told(sure, strength), before, after) == expected
