@@ -15,12 +15,13 @@ from ..compile import catalogue, compile_model, component_name
 from ..core.errors import PycosimError
 from ..fit import least_squares
 from . import first_look
+from .compare import errors
 from .constancy import LACK, constancy
 from .crossval import difference, select
 from .dependence import RELEVANT, dependence, noise_floor
 from .excitation import smallest, undetectable, varied
 from .lack_of_fit import unexplained
-from .remainder import outweighed
+from .remainder import outweighed, rises
 from .scores import LEVEL, PRESSED, Scores
 from .table import Table
 
@@ -147,7 +148,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
         law, own = constancy(dataset, larger, finding.fit)[finding.key], finding.selection
         if law.gain * own.raw.sum() > LACK * difference(base.raw, own.raw)[0]:
             finding.varies_with = law.variable
-        finding.outweighed_by = outweighed(dependence(dataset, larger, finding.fit, seed), base, own)
+        risen = rises(_errors(dataset, model, fit), _errors(dataset, larger, finding.fit))
+        finding.outweighed_by = outweighed(dependence(dataset, larger, finding.fit, seed), base, own, risen)
         return finding.varies_with is None and finding.outweighed_by is None
 
     chosen = _chosen(dataset, model, fit, findings, rivals, base, steady, scores.single)
@@ -163,6 +165,12 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     mystery = unexplained(table, depends, floor) if verdict == "unexplained" and not dataset.averaged else None
     return Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single, smallest(scores, LEVEL),
                      varied(table), mystery, channels)
+
+
+def _errors(dataset, model, fit):
+    """Errors by channel of the fit part and of the held-out part, which is empty where nothing is held out."""
+    return {"fit": errors(dataset, model, fit, "fit"),
+            "test": errors(dataset, model, fit, "test") if dataset.is_test.any() else {}}
 
 
 def _lesser(dataset, one, other):

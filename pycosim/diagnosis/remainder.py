@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from .dependence import RELEVANT
 
 LEFT = 0.25
@@ -10,7 +12,27 @@ itself. A law that stands in for another leaves much of that in its place, or pa
 true one beside a second: then the search goes on, and both are believed together."""
 
 
-def outweighed(told, before, after):
+HELD_OUT = "the held-out part"
+
+
+def rises(before, after):
+    """By how much an effect raises the squared errors of the held-out part, over those of the fit part without it.
+
+    Parameters
+    ----------
+    before, after : dict of str to dict of str to float
+        Errors by channel of the parts ``fit`` and ``test`` without the effect and with it.
+
+    Returns
+    -------
+    dict of str to float
+        By channel; zero where it lowers them, empty without a held-out part.
+    """
+    return {c: max(0.0, (after["test"][c] ** 2 - before["test"][c] ** 2) / max(before["fit"][c] ** 2, 1e-300))
+            for c in after["test"]}
+
+
+def outweighed(told, before, after, risen=None):
     """The variable by which what is left outweighs what an effect has taken, in the channels that it acts on.
 
     Parameters
@@ -19,6 +41,8 @@ def outweighed(told, before, after):
         Of the residual with the effect.
     before, after : Selection
         Errors of unseen folds without it and with it.
+    risen : dict of str to float, optional
+        What `rises` says of the held-out part, which lies beyond the folds: in time, or in another run.
 
     Returns
     -------
@@ -30,7 +54,10 @@ def outweighed(told, before, after):
              for k, own in enumerate(told.channels.values()) if acts[k] and own.sure]
     if told.sure and not still:  # no channel by itself tells it from chance, all together do
         still = [(told.variables[0]["strength"] * left[acts].sum(), told.variables[0]["variable"])]
+    beyond = float(np.dot(list(risen.values()), without)) if risen else 0.0
     total = sum(taken for taken, _ in still) - fall[fall < 0].sum()
+    if beyond > LEFT * fall[acts].sum():
+        return HELD_OUT
     if not still or total <= LEFT * fall[acts].sum():
         return None
     return max(still)[1]

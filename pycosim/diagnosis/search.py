@@ -12,7 +12,7 @@ from .constancy import LACK, constancy
 from .crossval import difference, select
 from .decide import SEPARATE, Finding, diagnose, nudged
 from .dependence import dependence
-from .remainder import outweighed
+from .remainder import outweighed, rises
 
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
@@ -302,7 +302,8 @@ def _constant(dataset, steps, noise, known, seed):
     """
     full = select(dataset, steps[-1].model, steps[-1].fit, noise)
     before = select(dataset, steps[known - 1].model, steps[known - 1].fit, noise, full.usual)
-    if outweighed(dependence(dataset, steps[-1].model, steps[-1].fit, seed), before, full):
+    risen = rises(*({"fit": s.error, "test": s.held_out_error} for s in (steps[known - 1], steps[-1])))
+    if outweighed(dependence(dataset, steps[-1].model, steps[-1].fit, seed), before, full, risen):
         return False
     told = constancy(dataset, steps[-1].model, steps[-1].fit)
     for out in steps[known:]:

@@ -9,6 +9,7 @@ import numpy as np
 from ..compile import Place, component_name, find_effect
 from ..compile.effects import annotation
 from ..diagnosis.compare import worded
+from ..diagnosis.remainder import HELD_OUT
 from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
 
@@ -389,8 +390,9 @@ def _refusals(candidates):
         found += (f" {c['effect']} at {c['place']} would lower the error, but its coefficient is not the same all over "
                   f"the data: it differs with {c['varies_with']}, so that another law is at work.")
     for c in [c for c in candidates if c.get("outweighed_by") and not c.get("varies_with")][:1]:
-        found += (f" {c['effect']} at {c['place']} would lower the error, but much of what it leaves still depends on "
-                  f"{c['outweighed_by']}, and no effect of the library explains that beside it.")
+        why = (f"much of what it leaves still depends on {c['outweighed_by']}, and no effect of the library explains "
+               "that beside it") if c["outweighed_by"] != HELD_OUT else f"it predicts {HELD_OUT} of the log worse"
+        found += f" {c['effect']} at {c['place']} would lower the error, but {why}."
     reasons = {}
     for c in [c for c in candidates if c["p_value"] < LEVEL and c.get("refused")][:3]:
         reasons.setdefault(c["refused"], []).append(c)

@@ -7,7 +7,7 @@ from scipy.stats import binom
 
 from pycosim.diagnosis.constancy import SURE, _Laws, _pieces, levels
 from pycosim.diagnosis.dependence import Dependence, _dependence, _Given
-from pycosim.diagnosis.remainder import outweighed
+from pycosim.diagnosis.remainder import HELD_OUT, outweighed, rises
 
 
 def _fitted(law, speed, rng, memory=0.9):
@@ -91,3 +91,15 @@ def _told(sure, strength):
 def test_an_effect_must_take_more_than_it_leaves(sure, strength, left, expected):
     before, after = (SimpleNamespace(channels=np.array([[a], [b]])) for a, b in ((10.0, 3.0), left))
     assert outweighed(_told(sure, strength), before, after) == expected
+
+
+@pytest.mark.parametrize("held_out, expected", [
+    ({"a": 0.9, "b": 1.0}, None),
+    ({"a": 0.5, "b": 1.7}, HELD_OUT),
+    ({}, None),
+])
+def test_an_effect_must_not_raise_the_error_of_the_held_out_part(held_out, expected):
+    without = {"fit": {"a": 1.0, "b": 1.0}, "test": dict.fromkeys(held_out, 1.0)}
+    risen = rises(without, {"fit": {"a": 0.6, "b": 1.0}, "test": held_out})
+    before, after = (SimpleNamespace(channels=np.array([[a], [3.0]])) for a in (10.0, 4.0))
+    assert outweighed(_told(True, 0.1), before, after, risen) == expected

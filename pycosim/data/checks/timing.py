@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from .changes import listed
 from .finding import Finding, column_line
 from .readings import Source, with_change
-from .relations import RateRelation, _winsorised, shared
+from .relations import ModelRelation, RateRelation, _winsorised, shared
 
 _LATEST = 0.2
 """s by which a column may come late or early."""
@@ -215,7 +215,24 @@ class Timing:
         gain, independent = drifted[0] - (shifted[0] if shifted else 0.0), min(
             _independent(a) for a in drifted[4].values())
         return (falls > _FALLEN and likelihood > _SURE and gain > math.log(_DRIFTED) and gain * independent > _SURE
-                and abs(drifted[3]) * self.length > _APART)
+                and abs(drifted[3]) * self.length > _APART and self._ageing(drifted[4]) > math.log(_DRIFTED))
+
+    def _ageing(self, drifted):
+        """By how much less a drifting clock leaves than a machine that warms up: logarithm of the errors' ratio.
+
+        In that machine each coefficient, and the zero of each channel, changes by a parabola over the time.
+        """
+        least = math.inf
+        for k in (k for k in drifted if isinstance(self.relations[k], ModelRelation)):
+            relation, old = self.relations[k], self.holds[k]
+            slopes = relation.evaluate(relation.arguments(self.readings, self.sources), old.x,
+                                       self.readings.time.size)[3]
+            residual = _without(old, slopes, self.readings.time)
+            first, second = (p[old.used[self.readings.partners[0]] & old.used[self.readings.partners[1]]]
+                             for p in self.readings.partners)
+            aged = [shared(r, first, second) / old.spread[c] for c, r in zip(relation.channels, residual)]
+            least = min(least, _logarithms(aged) - _logarithms(drifted[k].smooth.values()))
+        return least
 
     def _share(self, holds):
         """Part of the errors' energy, noise apart, that a shift takes away: an effect that looks late leaves more."""
@@ -254,6 +271,21 @@ class Timing:
     def _told(self, before, after):
         told = ", ".join(f"{self.columns.of(c)} {before[c]:.3g} -> {after[c]:.3g}" for c in before)
         return f"{told}, noise apart"
+
+
+def _without(agreement, slopes, time):
+    """Residuals without what coefficients, and zeros of the channels, that change by a parabola over time explain."""
+    channels, count, _ = slopes.shape
+    weight = 1 / np.array([agreement.spread[c] for c in agreement.spread])
+    zeros = np.repeat(np.eye(channels)[:, :, None], time.size, 2)
+    each = np.concatenate([slopes, zeros], axis=1) * weight[:, None, None]
+    span = (time - time.mean()) / max(np.ptp(time), 1e-300)
+    columns = np.concatenate([each, each * span, each * span ** 2], axis=1)
+    used, target = agreement.used, agreement.residual * weight[:, None]
+    a = columns[:, :, used].transpose(0, 2, 1).reshape(-1, 3 * (count + channels))
+    size = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
+    x = np.linalg.lstsq(a / size, target[:, used].ravel(), rcond=1e-9)[0] / size
+    return (target - np.einsum("kij,i->kj", columns, x)) / weight[:, None]
 
 
 def _independent(agreement):
