@@ -287,8 +287,7 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
         if name in fit.free and "mu" in table.reads(finding.effect):
             start[name] = min(start[name], table.most_efficient(component))
     try:
-        start = nudged(start, larger, finding)
-        finding.fit = least_squares.fit(dataset, larger, start, most=TRIAL, noise=scores.single)
+        finding.fit = _best_fit(dataset, larger, nudged(start, larger, finding), scores.single, usual)
     except PycosimError:
         return False
     finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
@@ -300,6 +299,21 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
     finding.sizes = {c: _none(own[f"{base}.{c}"]) if c in scan else rig[f"{base}.{c}"].value
                      for c in acting if c in finding.coefficients}
     return True
+
+
+def _best_fit(dataset, model, start, noise, usual):
+    """Fit from a start, and where a parameter ends at a bound, from twice the effect too.
+
+    A loss that would be negative is none: beyond that the errors bend, and have valleys of their own.
+    """
+    fit = least_squares.fit(dataset, model, start, most=TRIAL, noise=noise)
+    if not any(fit.at_bound(n) for n in fit.free):
+        return fit
+    base, effect = component_name(*model.attached[-1]), model.attached[-1][0]
+    twice = {name: min(max(2 * start.get(name, v.value) - v.value, v.min), v.max) for name, v in (
+        (f"{base}.{c}", model.parameters[f"{base}.{c}"]) for c in effect.size)}
+    other = least_squares.fit(dataset, model, {**start, **twice}, most=TRIAL, noise=noise)
+    return min(fit, other, key=lambda f: sum((e / u) ** 2 for e, u in zip(f.error.values(), usual.ravel())))
 
 
 def _none(variable):
