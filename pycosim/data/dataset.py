@@ -12,7 +12,7 @@ from scipy.signal import savgol_filter
 
 from ..compile import ArrayFunction, catalogue, compile_model, component_name
 from ..core.errors import DataError, StudyError
-from ..dynamics.delays import undo
+from ..dynamics.delays import Record, undo
 from ..dynamics.filters import settings
 from ..dynamics.states import dependent_parameters, propagate
 from . import instruments, segmentation
@@ -72,7 +72,7 @@ class Dataset:
         self._segment()
         self._size()
         self._split()
-        self._views, self._slopes, self._rates = {}, {}, {}
+        self._views, self._slopes, self._rates, self._records = {}, {}, {}, {}
 
     # ---- what is known, what is compared
 
@@ -273,10 +273,17 @@ class Dataset:
         signals = self.signals if signals is None else signals
         if not question.late:
             return signals
-        unmeasured = {n: np.zeros(len(self.time)) for n in question.late if n not in signals}  # a push that is none
+        still = self.memo("dataset.still", lambda: np.zeros(len(self.time)))  # a push that is none
+        unmeasured = {n: still for n in question.late if n not in signals}
         return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
                     {n: self._slope(n) for n in question.late if not _is_motion(n)},
-                    lambda name: self._rate(signals[name]))
+                    lambda name: self._rate(signals[name]), self._record)
+
+    def _record(self, values):
+        """A recorded signal that can be read at other times."""
+        if id(values) not in self._records:
+            self._records[id(values)] = Record(self.time, values, self.run)  # which holds them: no other gets the number
+        return self._records[id(values)]
 
     def _rate(self, values):
         """Slope of a recorded signal, by a cubic through the nine samples around each; it may jump, as torques do."""

@@ -21,7 +21,7 @@ from .crossval import difference, select
 from .dependence import RELEVANT, dependence, noise_floor
 from .excitation import smallest, undetectable, varied
 from .lack_of_fit import unexplained
-from .remainder import outweighed, rises
+from .remainder import LEFT, remaining, rises
 from .scores import LEVEL, PRESSED, Scores
 from .table import Table
 
@@ -149,7 +149,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
         if law.gain * own.raw.sum() > LACK * difference(base.raw, own.raw)[0]:
             finding.varies_with = law.variable
         risen = rises(_errors(dataset, model, fit), _errors(dataset, larger, finding.fit))
-        finding.outweighed_by = outweighed(dependence(dataset, larger, finding.fit, seed), base, own, risen)
+        share, variable = remaining(dependence(dataset, larger, finding.fit, seed), base, own, law.follows, risen)
+        finding.outweighed_by = variable if share > LEFT else None
         return finding.varies_with is None and finding.outweighed_by is None
 
     chosen = _chosen(dataset, model, fit, findings, rivals, base, steady, scores.single)

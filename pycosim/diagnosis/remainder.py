@@ -1,9 +1,10 @@
-"""What a residual depends on after an effect was added, and what the effect took, in; which of the two is more, out."""
+"""What a residual depends on after an effect was added, and what the effect took, in; the one over the other, out."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from .constancy import ALIKE
 from .dependence import RELEVANT
 
 LEFT = 0.25
@@ -32,8 +33,8 @@ def rises(before, after):
             for c in after["test"]}
 
 
-def outweighed(told, before, after, risen=None):
-    """The variable by which what is left outweighs what an effect has taken, in the channels that it acts on.
+def remaining(told, before, after, follows, risen=None):
+    """How much of what an effect takes is left depending on what it follows, in the channels that it acts on.
 
     Parameters
     ----------
@@ -41,23 +42,34 @@ def outweighed(told, before, after, risen=None):
         Of the residual with the effect.
     before, after : Selection
         Errors of unseen folds without it and with it.
+    follows : dict of str to float
+        Share of what it adds that is a function of each variable. What depends on others it does not stand in for.
     risen : dict of str to float, optional
         What `rises` says of the held-out part, which lies beyond the folds: in time, or in another run.
 
     Returns
     -------
-    str or None
+    share : float
+        Of what the effect takes, that is left or paid for elsewhere; more than `LEFT` outweighs it.
+    variable : str or None
+        What it depends on.
     """
     without, left = (s.channels.sum(1) for s in (before, after))
     fall, acts = without - left, without - left > RELEVANT * without
-    still = [(own.variables[0]["strength"] * left[k], own.variables[0]["variable"])
-             for k, own in enumerate(told.channels.values()) if acts[k] and own.sure]
+    own = {name for name, share in follows.items() if share > ALIKE}
+    still = [(most["strength"] * left[k], most["variable"]) for k, channel in enumerate(told.channels.values())
+             if acts[k] and channel.sure for most in _first(channel, own)]
     if told.sure and not still:  # no channel by itself tells it from chance, all together do
-        still = [(told.variables[0]["strength"] * left[acts].sum(), told.variables[0]["variable"])]
+        still = [(most["strength"] * left[acts].sum(), most["variable"]) for most in _first(told, own)]
+    takes = max(fall[acts].sum(), 1e-300)
     beyond = float(np.dot(list(risen.values()), without)) if risen else 0.0
-    total = sum(taken for taken, _ in still) - fall[fall < 0].sum()
-    if beyond > LEFT * fall[acts].sum():
-        return HELD_OUT
-    if not still or total <= LEFT * fall[acts].sum():
-        return None
-    return max(still)[1]
+    if beyond > LEFT * takes:
+        return beyond / takes, HELD_OUT
+    if not still:
+        return 0.0, None
+    return float(sum(taken for taken, _ in still) - fall[fall < 0].sum()) / takes, max(still)[1]
+
+
+def _first(told, names):
+    """The first of some variables, in the order of what they explain; none where it is not among them."""
+    return [v for v in told.variables if v["variable"] in names][:1]

@@ -12,7 +12,7 @@ from .constancy import LACK, constancy
 from .crossval import difference, select
 from .decide import SEPARATE, Finding, diagnose, nudged
 from .dependence import dependence
-from .remainder import outweighed, rises
+from .remainder import LEFT, remaining, rises
 
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
@@ -282,39 +282,48 @@ def _first(dataset, steps, seed, progress):
 
 
 def _ahead(dataset, steps, found, seed, progress):
-    """Go on with a provisional effect: the path on which all coefficients are constant and its diagnosis, or None."""
-    path, last = list(steps), found
+    """Go on with a provisional effect: the path on which all coefficients are constant and its diagnosis, or None.
+
+    An effect that brings the ones before no nearer to that is not what they lack.
+    """
+    path, last, before = list(steps), found, float("inf")
     for _ in range(AHEAD):
         chosen = last.winner or last.provisional
         if chosen is None:
             break
         path.append(_added(dataset, path, chosen, progress))
         last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress)
-        if _constant(dataset, path, last.noise, len(steps), seed):
+        short = _shortfall(dataset, path, last.noise, len(steps), seed)
+        if short <= 1.0:
             return path, last
+        if short >= before:
+            break
+        before = short
     return None, None
 
 
-def _constant(dataset, steps, noise, known, seed):
-    """Whether every effect added after the known steps has one coefficient all over the data, beside the others.
+def _shortfall(dataset, steps, noise, known, seed):
+    """How far the effects added after the known steps are from having one coefficient all over the data.
 
-    What is left must not outweigh what they have taken together.
+    Over what is allowed: the largest of what each would gain where its coefficient varies, beside the others, and of
+    what is left over what they have taken together.
     """
     full = select(dataset, steps[-1].model, steps[-1].fit, noise)
     before = select(dataset, steps[known - 1].model, steps[known - 1].fit, noise, full.usual)
     risen = rises(*({"fit": s.error, "test": s.held_out_error} for s in (steps[known - 1], steps[-1])))
-    if outweighed(dependence(dataset, steps[-1].model, steps[-1].fit, seed), before, full, risen):
-        return False
     told = constancy(dataset, steps[-1].model, steps[-1].fit)
+    follows = {name: max(told[s.added].follows[name] for s in steps[known:])
+               for name in told[steps[-1].added].follows}
+    left = dependence(dataset, steps[-1].model, steps[-1].fit, seed)
+    worst = remaining(left, before, full, follows, risen)[0] / LEFT
     for out in steps[known:]:
         if told[out.added].gain > 0.0:
             rest = [k for k in steps[-1].model.keys if k != out.added]
             model = compile_model(dataset.library, steps[0].model.rig, rest)
             fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
-            left = select(dataset, model, fit, noise, full.usual)
-            if told[out.added].gain * full.raw.sum() > LACK * difference(left.raw, full.raw)[0]:
-                return False
-    return True
+            takes = difference(select(dataset, model, fit, noise, full.usual).raw, full.raw)[0]
+            worst = max(worst, told[out.added].gain * full.raw.sum() / max(LACK * takes, 1e-300))
+    return worst
 
 
 def _added(dataset, steps, chosen, progress):

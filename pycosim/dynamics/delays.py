@@ -15,7 +15,7 @@ from .filters import settings
 _LEAST = 8  # samples of a log that is moved
 
 
-def undo(question, signals, time, run, parameters, slopes=None, rate=None):
+def undo(question, signals, time, run, parameters, slopes=None, rate=None, record=None):
     """Signals of a question with their delays undone.
 
     Parameters
@@ -32,6 +32,8 @@ def undo(question, signals, time, run, parameters, slopes=None, rate=None):
     rate : callable, optional
         Name of such a signal to its own slope, shape (n,), noise and jumps included: what a filter of first order has
         held back is its time constant times that.
+    record : callable, optional
+        Values of another signal to its `Record`, where that is kept from call to call.
 
     Returns
     -------
@@ -45,9 +47,9 @@ def undo(question, signals, time, run, parameters, slopes=None, rate=None):
     for name, behind, lag in zip(question.late, *np.split(values, 2)):
         delay = behind - lag
         if name not in (slopes or {}):
-            record = Record(time, signals[name], run)
-            slope = record.at(delay, 1)
-            found[name], found[f"der({name})"] = record.at(delay) + lag * slope, slope
+            one = record(signals[name]) if record else Record(time, signals[name], run)
+            slope = one.at(delay, 1)
+            found[name], found[f"der({name})"] = one.at(delay) + lag * slope, slope
         else:
             near, apart = _nearest(time, run, delay)
             slope = slopes[name][near]

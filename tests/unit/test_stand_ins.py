@@ -7,7 +7,7 @@ from scipy.stats import binom
 
 from pycosim.diagnosis.constancy import SURE, _Laws, _pieces, levels
 from pycosim.diagnosis.dependence import Dependence, _dependence, _Given
-from pycosim.diagnosis.remainder import HELD_OUT, outweighed, rises
+from pycosim.diagnosis.remainder import HELD_OUT, LEFT, remaining, rises
 
 
 def _fitted(law, speed, rng, memory=0.9):
@@ -77,6 +77,9 @@ def test_what_a_fifth_of_the_blocks_shows_is_seen():
     assert sum(_sure(10, seed) for seed in range(20)) >= 18
 
 
+FOLLOWS = {"theta": 1.0}
+
+
 def _told(sure, strength):
     own = [{"variable": "theta", "strength": strength}]
     return Dependence(own, sure, {"a": Dependence(own, sure), "b": Dependence(own, False)})
@@ -90,7 +93,8 @@ def _told(sure, strength):
 ])
 def test_an_effect_must_take_more_than_it_leaves(sure, strength, left, expected):
     before, after = (SimpleNamespace(channels=np.array([[a], [b]])) for a, b in ((10.0, 3.0), left))
-    assert outweighed(_told(sure, strength), before, after) == expected
+    share, variable = remaining(_told(sure, strength), before, after, FOLLOWS)
+    assert (variable if share > LEFT else None) == expected
 
 
 @pytest.mark.parametrize("held_out, expected", [
@@ -102,4 +106,5 @@ def test_an_effect_must_not_raise_the_error_of_the_held_out_part(held_out, expec
     without = {"fit": {"a": 1.0, "b": 1.0}, "test": dict.fromkeys(held_out, 1.0)}
     risen = rises(without, {"fit": {"a": 0.6, "b": 1.0}, "test": held_out})
     before, after = (SimpleNamespace(channels=np.array([[a], [3.0]])) for a in (10.0, 4.0))
-    assert outweighed(_told(True, 0.1), before, after, risen) == expected
+    share, variable = remaining(_told(True, 0.1), before, after, FOLLOWS, risen)
+    assert (variable if share > LEFT else None) == expected
