@@ -273,7 +273,7 @@ class Dataset:
         signals = self.signals if signals is None else signals
         if not question.late:
             return signals
-        still = self.memo("dataset.still", lambda: np.zeros(len(self.time)))  # a push that is none
+        still = self.memo("dataset.still", lambda: np.zeros(len(self.time)))  # no push
         unmeasured = {n: still for n in question.late if n not in signals}
         return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
                     {n: self._slope(n) for n in question.late if not _is_motion(n)},
@@ -282,7 +282,7 @@ class Dataset:
     def _record(self, values):
         """A recorded signal that can be read at other times."""
         if id(values) not in self._records:
-            self._records[id(values)] = Record(self.time, values, self.run)  # which holds them: no other gets the number
+            self._records[id(values)] = Record(self.time, values, self.run)  # holds them
         return self._records[id(values)]
 
     def _rate(self, values):

@@ -22,6 +22,7 @@ _BETTER = 0.9
 _FALLEN, _DRIFTED = 1.5, 1.12
 """Factors by which a drift must lower the error of some channel, and all together further than any shift does: only
 then two clocks are the reason."""
+_STAYING = 9  # lags that stay, up to that at the end, which one that grows must beat after a fit to each
 _SURE = 8.0
 """Least gain of the logarithm of the likelihood."""
 _APART = 0.05  # s that a drifting clock is off at the end at least
@@ -210,12 +211,19 @@ class Timing:
                         mend)]
 
     def _drifts(self, shifted, drifted):
-        """Whether a lag that grows explains more than one that stays."""
+        """Whether a lag that grows explains more than one that stays, of any columns or of the same ones."""
         falls, likelihood, *_ = self._worth(drifted[4])
-        gain, independent = drifted[0] - (shifted[0] if shifted else 0.0), min(
-            _independent(a) for a in drifted[4].values())
-        return (falls > _FALLEN and likelihood > _SURE and gain > math.log(_DRIFTED) and gain * independent > _SURE
-                and abs(drifted[3]) * self.length > _APART and self._ageing(drifted[4]) > math.log(_DRIFTED))
+        gain, names, _, drift, holds = drifted
+        most, independent = abs(drift) * self.length, min(_independent(a) for a in holds.values())
+
+        def clear(other):
+            return gain - other > math.log(_DRIFTED) and (gain - other) * independent > _SURE
+        if not (falls > _FALLEN and likelihood > _SURE and most > _APART and clear(shifted[0] if shifted else 0.0)
+                and self._ageing(holds) > math.log(_DRIFTED)):
+            return False
+        base = self.fitted(names, 0.0, 0.0)[0]
+        return all(clear(base - self.fitted(names, math.copysign(s, drift), 0.0)[0])
+                   for s in np.linspace(0.0, min(most, _LATEST), _STAYING)[1:])
 
     def _ageing(self, drifted):
         """By how much less a drifting clock leaves than a machine that warms up: logarithm of the errors' ratio.
