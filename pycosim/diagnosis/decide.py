@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..compile import catalogue, compile_model, component_name
+from ..compile import catalogue, compile_model, component_name, find_place
 from ..core.errors import PycosimError
 from ..fit import least_squares
 from . import first_look
@@ -272,8 +272,35 @@ def _refit_best(dataset, model, fit, scores, findings, base, table, say):
     if fitted:
         best = min(fitted, key=lambda f: f.selection.white.sum())
         effects = {f.effect for f in fitted if _twins(base, f, best)}
-        fitted += refitted([f for f in likely[REFITS:] if f.effect in effects])
+        fitted += refitted([f for f in findings if f.effect == best.effect and f not in fitted])
+        fitted += refitted([f for f in likely[REFITS:] if f.effect in effects and f not in fitted])
+        for f in [f for f in fitted if f.effect == best.effect and f is not best]:
+            _refit_from(dataset, model, scores.single, f, best, base.usual)
+            if _twins(base, f, best):  # a score sees nothing of a share of a loss that the base model takes for none
+                f.p_value, f.p_value_single = best.p_value, best.p_value_single
     return fitted
+
+
+def _refit_from(dataset, model, noise, finding, other, usual):
+    """Fit a candidate from where the same effect at another place has brought the other parameters, if that is lower.
+
+    Losses that are traded between two places have a valley at each.
+    """
+    larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
+    at, names = component_name(*larger.attached[-1]), other.coefficients
+    whose = component_name(larger.attached[-1][0], find_place(dataset.library, model.rig, larger.attached[-1][0],
+                                                              other.place))
+    start = {**finding.fit.parameters, **{n: other.fit.parameters[n] for n in model.parameters},
+             **{f"{at}.{n}": other.fit.parameters[f"{whose}.{n}"] for n in names}}
+    fit = least_squares.fit(dataset, larger, start, most=TRIAL, noise=noise)
+    if _cost(fit, usual) < _cost(finding.fit, usual):
+        finding.fit, finding.selection = fit, select(dataset, larger, fit, noise, usual)
+        finding.coefficients = _coefficients(larger, fit)
+
+
+def _cost(fit, usual):
+    """Sum of the channels' squared errors, in units of their noise."""
+    return sum((e / u) ** 2 for e, u in zip(fit.error.values(), usual.ravel()))
 
 
 def _refit(dataset, model, fit, scores, finding, usual, table):
@@ -303,18 +330,18 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
 
 
 def _best_fit(dataset, model, start, noise, usual):
-    """Fit from a start, and where a parameter ends at a bound, from twice the effect too.
+    """Fit from a start, and where another parameter ends at a bound, from twice the effect too.
 
     A loss that would be negative is none: beyond that the errors bend, and have valleys of their own.
     """
     fit = least_squares.fit(dataset, model, start, most=TRIAL, noise=noise)
-    if not any(fit.at_bound(n) for n in fit.free):
-        return fit
     base, effect = component_name(*model.attached[-1]), model.attached[-1][0]
+    if not any(fit.at_bound(n) for n in fit.free if not n.startswith(base + ".")):
+        return fit
     twice = {name: min(max(2 * start.get(name, v.value) - v.value, v.min), v.max) for name, v in (
         (f"{base}.{c}", model.parameters[f"{base}.{c}"]) for c in effect.size)}
     other = least_squares.fit(dataset, model, {**start, **twice}, most=TRIAL, noise=noise)
-    return min(fit, other, key=lambda f: sum((e / u) ** 2 for e, u in zip(f.error.values(), usual.ravel())))
+    return min(fit, other, key=lambda f: _cost(f, usual))
 
 
 def _none(variable):

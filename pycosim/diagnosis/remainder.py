@@ -34,7 +34,7 @@ def rises(before, after):
 
 
 def remaining(told, before, after, follows, risen=None):
-    """How much of what an effect takes is left depending on what it follows, in the channels that it acts on.
+    """How much of what an effect takes is left depending on one variable, in the channels that it acts on.
 
     Parameters
     ----------
@@ -43,7 +43,8 @@ def remaining(told, before, after, follows, risen=None):
     before, after : Selection
         Errors of unseen folds without it and with it.
     follows : dict of str to float
-        Share of what it adds that is a function of each variable. What depends on others it does not stand in for.
+        Share of what it adds that is a function of each variable; one that follows none, as a ripple of hundreds of
+        cycles or a small delay, does not stand in for a law of any.
     risen : dict of str to float, optional
         What `rises` says of the held-out part, which lies beyond the folds: in time, or in another run.
 
@@ -56,20 +57,17 @@ def remaining(told, before, after, follows, risen=None):
     """
     without, left = (s.channels.sum(1) for s in (before, after))
     fall, acts = without - left, without - left > RELEVANT * without
-    own = {name for name, share in follows.items() if share > ALIKE}
-    still = [(most["strength"] * left[k], most["variable"]) for k, channel in enumerate(told.channels.values())
-             if acts[k] and channel.sure for most in _first(channel, own)]
-    if told.sure and not still:  # no channel by itself tells it from chance, all together do
-        still = [(most["strength"] * left[acts].sum(), most["variable"]) for most in _first(told, own)]
-    takes = max(fall[acts].sum(), 1e-300)
+    mistakable = max(follows.values(), default=1.0) > ALIKE
+    still = [(channel.variables[0]["strength"] * left[k], channel.variables[0]["variable"])
+             for k, channel in enumerate(told.channels.values()) if mistakable and acts[k] and channel.sure]
+    if mistakable and told.sure and not still:  # no channel by itself tells it from chance, all together do
+        still = [(told.variables[0]["strength"] * left[acts].sum(), told.variables[0]["variable"])]
+    takes = fall[acts].sum()
+    if not takes:
+        return 0.0, None
     beyond = float(np.dot(list(risen.values()), without)) if risen else 0.0
     if beyond > LEFT * takes:
         return beyond / takes, HELD_OUT
     if not still:
         return 0.0, None
     return float(sum(taken for taken, _ in still) - fall[fall < 0].sum()) / takes, max(still)[1]
-
-
-def _first(told, names):
-    """The first of some variables, in the order of what they explain; none where it is not among them."""
-    return [v for v in told.variables if v["variable"] in names][:1]
