@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.signal import savgol_filter
 
 from ..compile import ArrayFunction, catalogue, compile_model, component_name
@@ -26,6 +27,7 @@ FOLDS = 5
 _ENDS = {"min": min, "max": max}  # of what a place travels over
 SPEEDS = {"phi": "w", "s": "v"}  # of a rotating and of a sliding component: position and speed
 SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
+AROUND, OUT = 7, 6.0  # samples whose median one is compared with, and scatters that it must be off to be out of line
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 
 
@@ -351,7 +353,7 @@ class Dataset:
         """Noise that each sample of each channel should show, from the scatter of the signals and the model's response.
 
         A model that responds less to a noisy torque leaves less noise in its residual without being a better model;
-        rivals are compared after dividing by this level.
+        rivals are compared after dividing by this level. A sample far out from those around it has noise of that size.
 
         Parameters
         ----------
@@ -369,10 +371,10 @@ class Dataset:
         total = np.zeros((len(self.outputs), len(self._picks(view)[0][1])))
         noisy = [k for k in self.known if k in self.signals and not k.endswith(".w")]
         for name, response in self.responses(model, parameters, noisy).items():
-            spread = self.scatter(name) if not name.endswith(".phi") else self.steps[name] / math.sqrt(12)
+            spread = self._noisy(name) if not name.endswith(".phi") else self.steps[name] / math.sqrt(12)
             total += sum(take((response * spread) ** 2) * weight ** 2 for weight, _, take in self._picks(view))
-        own = [0.0 if self.paired else self.scatter(c) ** 2 for c in self.outputs]
-        total += np.array(own)[:, None]
+        if not self.paired:
+            total += np.array([self._noisy(c)[view] ** 2 for c in self.outputs])
         return np.sqrt(np.where(total > 0, total, 1.0))
 
     def responses(self, model, parameters, names):
@@ -444,6 +446,15 @@ class Dataset:
             found = float(1.4826 * np.median(np.abs(third[inside])) / np.sqrt(20)) if inside.any() else 0.0
             self._scatters[name] = max(found, self.steps.get(name, 0.0) / math.sqrt(12))
         return self._scatters[name]
+
+    def _noisy(self, name):
+        """Standard deviation of the noise of each sample of a measured signal: its scatter, and how far it is out."""
+        def make():
+            values, usual = self.reference(name), self.scatter(name)
+            away = values - np.concatenate([median_filter(values[self.run == k], AROUND, mode="nearest")
+                                            for k in dict.fromkeys(self.run)])
+            return np.hypot(usual, np.where(np.abs(away) > OUT * usual, away, 0.0))
+        return self.memo(("dataset.spread", name), make)
 
     def picks(self, part):
         """How the samples of a part enter the residual.
