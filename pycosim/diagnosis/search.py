@@ -317,12 +317,13 @@ def _shortfall(dataset, steps, noise, known, seed):
     left = dependence(dataset, steps[-1].model, steps[-1].fit, seed)
     worst = remaining(left, before, full, follows, risen)[0] / LEFT
     for out in steps[known:]:
-        if told[out.added].gain > 0.0:
-            rest = [k for k in steps[-1].model.keys if k != out.added]
-            model = compile_model(dataset.library, steps[0].model.rig, rest)
-            fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
-            takes = difference(select(dataset, model, fit, noise, full.usual).raw, full.raw)[0]
-            worst = max(worst, told[out.added].gain * full.raw.sum() / max(LACK * takes, 1e-300))
+        rest = [k for k in steps[-1].model.keys if k != out.added]
+        model = compile_model(dataset.library, steps[0].model.rig, rest)
+        fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
+        takes, spread = difference(select(dataset, model, fit, noise, full.usual).raw, full.raw)
+        if takes <= spread:  # superfluous beside the others
+            return float("inf")
+        worst = max(worst, told[out.added].gain * full.raw.sum() / (LACK * takes))
     return worst
 
 

@@ -11,6 +11,7 @@ import pytest
 from tiers import cases
 
 from benchmarks.hidden_effects import machine as rig
+from benchmarks.real_logs.make import make
 from pycosim.cli.entry import main
 from pycosim.compile import Library
 from pycosim.core.errors import StudyError
@@ -149,6 +150,13 @@ def test_a_sound_log_stops_no_search(seed, columns, library, tmp_path):
 def test_physics_is_no_mistake(effect, library, tmp_path):
     found = checked(library, study(tmp_path, sound(3, [HIDDEN[effect]], reference="sensor")))
     assert not found.blocking, [f.text for f in found.blocking]
+
+
+@pytest.mark.parametrize("case", ["rate50:thermal_drift:2.4:180", "noise_load:time_delay:1.7:380"])
+@pytest.mark.long
+def test_what_warms_up_or_stays_late_is_no_drifting_clock(case, library, tmp_path):
+    asked = load_study(make(case, tmp_path, quick=True))
+    assert not checked(library, asked).blocking
 
 
 @pytest.mark.long

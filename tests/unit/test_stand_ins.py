@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pycosim.diagnosis.constancy import SURE, _Laws, _pieces, levels
+from pycosim.diagnosis.constancy import OWN, SURE, _follows, _Laws, _pieces, _placebos, levels
 from pycosim.diagnosis.dependence import Dependence, _dependence, _Given
 from pycosim.diagnosis.remainder import HELD_OUT, LEFT, remaining, rises
 
@@ -108,3 +108,41 @@ def test_an_effect_must_not_raise_the_error_of_the_held_out_part(held_out, expec
     before, after = (SimpleNamespace(channels=np.array([[a], [3.0]])) for a in (10.0, 4.0))
     share, variable = remaining(_told(True, 0.1), before, after, FOLLOWS, risen)
     assert (variable if share > LEFT else None) == expected
+
+
+def _any(seed):
+    """Whether a signal that has nothing to do with a missing effect seems to vary more than it does at other times."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(6000) / 607 * 2 * np.pi
+    speed, angle, phase = np.sin(t) + 0.4 * np.sin(3 * t), -np.cos(t) - 0.13 * np.cos(3 * t), rng.uniform(0, 7, 6)
+    added = 0.2 * sum(np.sin((k + 1) * t + phase[k]) for k in range(6))
+    slope = np.array([np.sign(speed), added])
+    measured = 0.3 * np.sign(speed) + added + speed * angle ** 2 + 0.1 * rng.normal(size=t.size)
+    left = (measured - np.linalg.lstsq(slope.T, measured, rcond=None)[0] @ slope)[None]
+    pieces, cells = _pieces(np.repeat(np.arange(10), 600)), levels(speed)
+    gain, errors = _Laws(added[None], slope[None], pieces).gain(left, cells)
+    return errors > SURE and gain > max(_placebos(added[None], slope[None], pieces, left, cells, rng))
+
+
+def test_what_a_free_function_catches_of_something_else_is_not_a_law_that_varies():
+    assert sum(_any(seed) for seed in range(30)) <= binom.ppf(0.999, 30, 0.05)
+
+
+def test_a_law_that_varies_gains_more_than_any_other_signal():
+    rng = np.random.default_rng(1)
+    speed = np.repeat(rng.uniform(0.2, 2.0, 60), 100) * np.tile(np.repeat([1.0, -1.0], 50), 60)
+    slope, added = np.array([np.sign(speed), speed]), speed
+    measured = np.where(speed < 0, -0.3 * speed ** 2, 0.0) + 0.05 * rng.normal(size=speed.size)
+    left = (measured - np.linalg.lstsq(slope.T, measured, rcond=None)[0] @ slope)[None]
+    pieces, cells = _pieces(np.repeat(np.arange(60), 100)), levels(speed)
+    gain, errors = _Laws(added[None], slope[None], pieces).gain(left, cells)
+    assert errors > SURE and gain > max(_placebos(added[None], slope[None], pieces, left, cells, rng))
+
+
+def test_a_ripple_of_many_cycles_follows_no_variable_and_friction_does():
+    w = np.sin(np.arange(4000) / 300)
+    values = {"speed@a": w, "phi": -300 * np.cos(np.arange(4000) / 300)}
+    bins = {n: levels(v) for n, v in values.items()}
+    assert max(_follows(np.sin(2 * values["phi"])[None], values, bins).values()) < OWN
+    assert _follows(np.abs(w)[None] * np.sign(w), values, bins)["speed@a"] > 0.9
+    assert min(_follows(np.sign(w)[None], values, bins).values()) > 0.9  # a constant is a function of anything
