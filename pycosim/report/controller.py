@@ -221,20 +221,20 @@ def _changed(before, after):
 def _numbers(pair):
     """Two numbers and their change."""
     before, after = pair
-    change = 100 * (after / before - 1) if before else 0.0
-    return number(before), number(after), (f"{change:+.2g} %".replace("-", "\u2212") if abs(change) >= 100 * EXACT
-                                           else "none")
+    change = after / before - 1 if before else 0.0
+    text = f"{sentences.percent(change, '+')} %".replace("-", "\u2212") if abs(change) >= EXACT else "none"
+    return number(before), number(after), text
 
 
 def _percents(pair, rated):
-    return " \u2192 ".join(f"{100 * v / rated:.2g}" for v in pair)
+    return " \u2192 ".join(sentences.percent(v / rated) for v in pair)
 
 
 def _off(heat):
     """A relative error of a heat in words."""
     if abs(heat) < EXACT:
         return f"right to {100 * EXACT:g} %"
-    return f"{100 * abs(heat):.2g} % too {'high' if heat > 0 else 'low'}"
+    return f"{sentences.percent(abs(heat))} % too {'high' if heat > 0 else 'low'}"
 
 
 def told(dataset, found):

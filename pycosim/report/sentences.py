@@ -249,6 +249,26 @@ def finite(value):
     return number(value, 1e-2)  # a bound of zero is approached to 5e-8
 
 
+def percent(share, sign=""):
+    """A share in percent, to two digits; near a hundred and above to three, and never as a power of ten.
+
+    Parameters
+    ----------
+    share : float
+    sign : str
+        ``+`` to write the sign of what is not below zero as well.
+
+    Returns
+    -------
+    str
+        Without the sign of percent.
+    """
+    value = 100 * share
+    size = abs(value)
+    digits = ".2g" if size < 99 else ".3g" if size < 999.5 else ".0f"
+    return f"{value:{sign}{digits}}"
+
+
 def note(p):
     """What is to be said of a parameter beside its value.
 

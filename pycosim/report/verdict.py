@@ -123,8 +123,9 @@ class Verdict:
         """Table of several effects: what each is, how large and how sure, in the order of the search."""
         rows = []
         for step, size in zip(self.added, self._sizes()):
+            share = f"{sentences.percent(size['share'])} % of {size['of']}" if (size["share"] or 0) > UNSEEN else ""
             rows.append((_named(*step.added), consequence.words_of_effect(self.library, step.added[0]), _amount(size),
-                         f"{100 * size['share']:.2g} % of {size['of']}" if (size["share"] or 0) > UNSEEN else "",
+                         share,
                          cards.chance(step.finding.p_value) if step.finding is not None else ""))
         return {"caption": f"In the order in which they were found, among {self.tested} effects and places tested",
                 "header": ("effect", "what it is", "up to", "that is", "chance alone does as much in"), "rows": rows}
@@ -265,7 +266,7 @@ def _capital(text):
 
 def _of(value, share):
     """An error, and what it is of what is rated."""
-    return number(value) + (f" ({100 * share[0]:.2g} %)" if share else "")
+    return number(value) + (f" ({sentences.percent(share[0])} %)" if share else "")
 
 
 def _certainty(p):
@@ -288,7 +289,7 @@ def _size(found):
     text = f"Up to {_amount(found)} at {found['where']}"
     if found["share"] is not None and math.isfinite(found["share"]):
         unit = "" if found["unit"] in ("1", "") else f" {found['unit']}"
-        return f"{text}, {100 * found['share']:.2g} % of {found['of']} ({number(found['rated'])}{unit})"
+        return f"{text}, {sentences.percent(found['share'])} % of {found['of']} ({number(found['rated'])}{unit})"
     if found.get("channel"):
         other = _size(found["channel"]).removeprefix("Up to ").replace(f" at {found['channel']['where']}", "", 1)
         return f"{text}, which changes {found['channel']['where']} by up to {other}"

@@ -45,6 +45,14 @@ def test_every_word_of_the_answer_is_readable(opened, theme):
     assert len(found) > 40 and min(found) >= 4.5
 
 
+@pytest.mark.parametrize("width", [1000, 1150, 1280])
+def test_every_number_of_the_answer_is_seen_without_scrolling_its_table(opened, width):
+    opened.set_viewport_size({"width": width, "height": 900})
+    hidden = opened.evaluate("""[...document.querySelectorAll("#verdict .wide")].filter(
+        e => e.scrollWidth > e.clientWidth + 1).map(e => e.innerText.slice(0, 60))""")
+    assert hidden == []
+
+
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_axe_core_finds_no_violation(opened, theme):
     opened.emulate_media(color_scheme=theme)

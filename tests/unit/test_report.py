@@ -350,3 +350,8 @@ def test_a_candidate_that_chance_does_not_explain_and_that_is_none_says_why():
     assert "p = 0.001 family-wise, but it is refused: too small to matter." in sentences.summary_diagnosis(result)[0]
     best.update(p_value=0.4, refused="no more than chance")
     assert "p = 0.4 family-wise." in sentences.summary_diagnosis(result)[0]
+
+
+@pytest.mark.parametrize("share, told", [(-0.997, "-99.7"), (0.0213, "+2.1"), (1.0, "+100"), (12.34, "+1234")])
+def test_a_share_is_told_in_percent_without_a_power_of_ten(share, told):
+    assert sentences.percent(share, "+") == told
