@@ -208,14 +208,14 @@ def _folds(table, few):
 def _taken(columns, base, residual, weights, fold):
     """Share of the residual's energy that several columns together take on folds that their sizes do not come from."""
     w = np.asarray(weights)[:, None]
-    rows, r, taken = np.concatenate([base.transpose(1, 0, 2), columns]) * w, w * residual, 0.0
+    rows, r, left = np.concatenate([base.transpose(1, 0, 2), columns]) * w, w * residual, [0.0, 0.0]
     for f in np.unique(fold):
         inside = fold == f
-        for sign, some in ((1, rows[:base.shape[1]]), (-1, rows)):
+        for k, some in enumerate((rows[:base.shape[1]], rows)):
             flat = some[:, :, ~inside].reshape(len(some), -1)
             size = invert(flat @ flat.T)[0] @ (flat @ r[:, ~inside].ravel())
-            taken += sign * float(((r[:, inside] - np.tensordot(size, some[:, :, inside], 1)) ** 2).sum())
-    return taken / float((r ** 2).sum())
+            left[k] += float(((r[:, inside] - np.tensordot(size, some[:, :, inside], 1)) ** 2).sum())
+    return 1 - left[1] / max(left[0], 1e-300)
 
 
 def _drive(table, component):
