@@ -391,6 +391,10 @@ def _unexplained(result, library, final):
                if d["strength"] > 0]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
     line += f"; what is left depends most on {joined(depends)}." if depends else "."
+    slow = [c for c, own in result["channels"].items() if own.get("slow")]
+    if slow:
+        line += (f" Most of what is left of {joined(slow)} is slower than noise and does not repeat: a reference that "
+                 "drifts, or a loss that changes with time.")
     line += _refusals(result["candidates"])
     mystery = result["unexplained"]
     if mystery and mystery["proposal"]:

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.hidden_effects import machine as rig
 from benchmarks.hidden_effects.cases import Case, draw, same
+from benchmarks.real_logs.make import make
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis import search
@@ -95,3 +96,11 @@ def test_an_effect_of_the_load_is_found_in_runs_of_different_loads(tmp_path, see
 def test_nothing_is_missing_in_runs_of_different_loads(tmp_path, seed):
     result = loaded(tmp_path, seed)
     assert result.first.verdict == "nothing_missing" and not told(result), summary(result)
+
+
+@pytest.mark.parametrize("case", ["outside:tide:1.7:224", "outside:intermittent:1.7:218", "plain:none::224"])
+def test_what_is_slower_than_noise_is_not_nothing(case, tmp_path):
+    result = search.improve(Dataset(load_study(make(case, tmp_path, quick=True)), Library()))
+    slow = [own["slow"] for own in result.first.channels.values()]
+    assert result.first.verdict == ("nothing_missing" if ":none:" in case else "unexplained") and len(result.steps) == 1
+    assert any(slow) == (":none:" not in case)
