@@ -12,11 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..compile import catalogue, compile_model, component_name, find_place
-from ..core.errors import PycosimError
+from ..core.errors import NoAnswerError, PycosimError
 from ..fit import least_squares
 from . import first_look
 from .compare import errors
-from .constancy import LACK, constancy
+from .constancy import allowed, constancy
 from .crossval import difference, select
 from .dependence import RELEVANT, dependence, noise_floor
 from .excitation import smallest, undetectable, varied
@@ -150,7 +150,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     def steady(finding):
         larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
         law, own = constancy(dataset, larger, finding.fit)[finding.key], finding.selection
-        if law.gain * own.raw.sum() > LACK * difference(base.raw, own.raw)[0]:
+        if law.gain * own.raw.sum() > allowed(larger.attached[-1][0]) * difference(base.raw, own.raw)[0]:
             finding.varies_with = law.variable
         risen = rises(_errors(dataset, model, fit), _errors(dataset, larger, finding.fit))
         share, variable = remaining(dependence(dataset, larger, finding.fit, seed), base, own, law.follows, risen)
@@ -297,7 +297,10 @@ def _refit_from(dataset, model, noise, finding, other, usual):
                                                               other.place))
     start = {**finding.fit.parameters, **{n: other.fit.parameters[n] for n in model.parameters},
              **{f"{at}.{n}": other.fit.parameters[f"{whose}.{n}"] for n in names}}
-    fit = least_squares.fit(dataset, larger, start, most=TRIAL, noise=noise)
+    try:
+        fit = least_squares.fit(dataset, larger, start, most=TRIAL, noise=noise)
+    except NoAnswerError:
+        return
     if _cost(fit, usual) < _cost(finding.fit, usual):
         finding.fit, finding.selection = fit, select(dataset, larger, fit, noise, usual)
         finding.coefficients = _coefficients(larger, fit)
@@ -345,7 +348,10 @@ def _best_fit(dataset, model, start, noise, usual):
         return fit
     twice = {name: min(max(2 * start.get(name, v.value) - v.value, v.min), v.max) for name, v in (
         (f"{base}.{c}", model.parameters[f"{base}.{c}"]) for c in effect.size)}
-    other = least_squares.fit(dataset, model, {**start, **twice}, most=TRIAL, noise=noise)
+    try:
+        other = least_squares.fit(dataset, model, {**start, **twice}, most=TRIAL, noise=noise)
+    except NoAnswerError:  # so large an effect leaves no motion
+        return fit
     return min(fit, other, key=lambda f: _cost(f, usual))
 
 

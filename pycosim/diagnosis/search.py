@@ -8,7 +8,7 @@ from ..compile import compile_model, find_effect, find_place, places
 from ..core.errors import PycosimError, StudyError
 from ..fit import least_squares
 from . import compare
-from .constancy import LACK, constancy
+from .constancy import allowed, constancy
 from .crossval import difference, select
 from .decide import SEPARATE, Finding, diagnose, nudged
 from .dependence import dependence
@@ -323,7 +323,8 @@ def _shortfall(dataset, steps, noise, known, seed):
         takes, spread = difference(select(dataset, model, fit, noise, full.usual).raw, full.raw)
         if takes <= spread:  # superfluous beside the others
             return float("inf")
-        worst = max(worst, told[out.added].gain * full.raw.sum() / (LACK * takes))
+        effect = next(e for e, p in steps[-1].model.attached if (e.id, p.name) == out.added)
+        worst = max(worst, told[out.added].gain * full.raw.sum() / (allowed(effect) * takes))
     return worst
 
 
