@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..compile import catalogue, compile_model, component_name, find_place
+from ..compile import catalogue, compile_model, component_name, find_effect, find_place
 from ..core.errors import NoAnswerError, PycosimError
 from ..fit import least_squares
 from . import first_look
@@ -277,13 +277,20 @@ def _refit_best(dataset, model, fit, scores, findings, base, table, say):
     if fitted:
         best = min(fitted, key=lambda f: f.selection.white.sum())
         effects = {f.effect for f in fitted if _twins(base, f, best)}
-        fitted += refitted([f for f in findings if f.effect == best.effect and f not in fitted])
+        fitted += refitted([f for f in findings if f.effect == best.effect and f not in fitted
+                            and _unseen(dataset, model, fit, f)])
         fitted += refitted([f for f in likely[REFITS:] if f.effect in effects and f not in fitted])
         for f in [f for f in fitted if f.effect == best.effect and f is not best]:
             _refit_from(dataset, model, scores.single, f, best, base.usual)
             if _twins(base, f, best):  # a score sees nothing of a share of a loss that the base model takes for none
                 f.p_value, f.p_value_single = best.p_value, best.p_value_single
     return fitted
+
+
+def _unseen(dataset, model, fit, finding):
+    """Whether the base model takes the loss at a finding's place for none: a score sees nothing of a share of that."""
+    place = find_place(dataset.library, model.rig, find_effect(dataset.library, finding.effect), finding.place)
+    return any(f"{c}.f0" in fit.free and fit.at_bound(f"{c}.f0") == "min" for c in place.components)
 
 
 def _refit_from(dataset, model, noise, finding, other, usual):
