@@ -28,6 +28,7 @@ _ENDS = {"min": min, "max": max}  # of what a place travels over
 SPEEDS = {"phi": "w", "s": "v"}  # of a rotating and of a sliding component: position and speed
 SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
 AROUND, OUT = 7, 6.0  # samples whose median one is compared with, and scatters that it must be off to be out of line
+BUILT_UP = 0.02  # of a segment's friction, that may still have to build up where it counts as sliding
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 
 
@@ -494,7 +495,8 @@ class Dataset:
     # ---- moving samples, blocks, held-out part
 
     def _segment(self):
-        parameters = {n: v.value for n, v in self.base.parameters.items()}
+        told = self.study.parameters
+        parameters = {n: (told[n].applied(v) if n in told else v).value for n, v in self.base.parameters.items()}
         names = [f"{c}.w" for c in self.base.segments]
         self.speed_unit = self.base.variables[names[0]].unit if names else "rad/s"
         states = np.zeros((len(self.question.states), len(self.time)))
@@ -509,7 +511,7 @@ class Dataset:
             segmentation.SLOW * np.min(np.abs(self.speeds), axis=1, where=self.speeds != 0, initial=np.inf)
             if self.averaged else segmentation.default_w_min(self.speeds, noise=np.sqrt(noise)))
         self.w_min = float(np.max(least))
-        moving = segmentation.moving(self.speeds, least, self.run)
+        moving = segmentation.moving(self.speeds, least, self.run) & self._slid(parameters)
         angles = [self.measured[k] for k in self.known if k.endswith("phi") and k in self.measured]
         self.config = np.array(angles) if angles else np.cumsum(self.speeds[:1], axis=1)
         self.passes = (np.where(moving, self.run, -1) if self.averaged
@@ -521,6 +523,20 @@ class Dataset:
                             f"{self.w_min:.3g} {self.speed_unit}; record motion, or lower w_min in the study")
         self.blocks = segmentation.blocks(self.time, self.config, self.passes, self.speeds, self.run)
         self.block = self.blocks.index
+
+    def _slid(self, parameters):
+        """Samples at which every segment has moved on since its last turn by more than its elastic displacement.
+
+        Its friction is that of sliding only there, so that what builds up over the model's own travel is not taken for
+        an effect. Smoothed speeds tell it: an encoder's steps go to and fro in slow motion.
+        """
+        own = [f"{c}.z" for c in self.base.segments]
+        if self.averaged or not own:
+            return np.ones(len(self.time), dtype=bool)
+        rates = {n: v for n, v in self.signals.items() if n.startswith("der(")}
+        states, _ = propagate(self.question, rates, self.time, parameters, self.run, only=own)
+        states = states[[self.question.states.index(n) for n in own]]
+        return np.all(np.abs(np.sign(self.speeds) - states) < BUILT_UP, axis=0)
 
     def _trim(self, moving, angles):
         """Leave out the ends of a pass that smoothing makes look like motion: less than two encoder steps from rest."""

@@ -8,6 +8,7 @@ import pytest
 from benchmarks.hidden_effects import machine as rig
 from benchmarks.hidden_effects.cases import Case, draw, same
 from benchmarks.real_logs.make import make
+from benchmarks.real_logs.run import scenario
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis import search
@@ -104,3 +105,8 @@ def test_what_is_slower_than_noise_is_not_nothing(case, tmp_path):
     slow = [own["slow"] for own in result.first.channels.values()]
     assert result.first.verdict == ("nothing_missing" if ":none:" in case else "unexplained") and len(result.steps) == 1
     assert any(slow) == (":none:" not in case)
+
+
+def test_a_co_simulated_log_in_which_nothing_is_hidden_misses_nothing():
+    row = scenario("six_manoeuvres", 700)
+    assert (row["verdict"], row["steps"]) == ("nothing_missing", []), row

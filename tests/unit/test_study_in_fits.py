@@ -16,6 +16,7 @@ from pycosim.diagnosis.scores import Scores
 from pycosim.diagnosis.table import Table
 from pycosim.fit.least_squares import fit
 from pycosim.study.parse import load_study
+from pycosim.study.schema import Setting
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 
@@ -87,3 +88,14 @@ def test_a_parameter_may_leave_the_rig_s_bounds_where_the_study_says_so(dataset,
     wide["s1A.f0"] = replace(wide["s1A.f0"], max=20.0)
     assert fitted(dataset(strong, parameters=wide))["s1A.f0"] == pytest.approx(3.0, rel=0.03)
     assert fitted(dataset(strong))["s1A.f0"] == pytest.approx(1.0, rel=0.01)
+
+
+def test_samples_within_the_model_s_own_elastic_displacement_after_a_turn_count_as_no_motion(dataset, log):
+    stiff, soft = (dataset(log, parameters={"s1A.travel": Setting(travel)}) for travel in (1e-5, 0.05))
+    lost = stiff.moving & ~soft.moving
+    assert 0 < lost.sum() < 0.3 * stiff.moving.sum() and not np.any(soft.moving & ~stiff.moving)
+    speed = stiff.speeds[list(stiff.base.segments).index("s1A")]
+    way = np.cumsum(np.abs(speed) * np.gradient(stiff.time))
+    turned = np.maximum.accumulate(np.where(np.diff(np.sign(speed), prepend=0) != 0, way, 0.0))
+    assert np.all((way - turned)[lost] < 3 * 0.05)  # from one limit to the other, and what the smooth end takes
+    assert np.all((way - turned)[soft.moving] > 0.05 * 0.95)
