@@ -41,8 +41,10 @@ def report(browser, folder):
     page = browser.new_page(viewport={"width": 1150, "height": 900}, color_scheme="light")
     page.goto((folder / "report.html").resolve().as_uri())
     page.wait_for_selector("html[data-ready=true]")
-    write("report", [page.locator(s).screenshot() for s in (
-        "#verdict", "article.card.accepted figure")])
+    chart = page.locator("article.card.accepted figure")
+    chart.scroll_into_view_if_needed()
+    chart.locator(".main-svg").first.wait_for()  # drawn once it is seen
+    write("report", [page.locator("#verdict").screenshot(), chart.screenshot()])
 
 
 def app(browser, folder):

@@ -1,29 +1,38 @@
 "use strict";
-// Unpacks the library and the charts, draws what is shown, in the reader's theme, and never asks a server.
+// Unpacks the library and the charts once the answer is on the screen; draws a chart when it comes near the screen, and all
+// of them for paper; in the reader's theme; never asks a server.
 (async () => {
   const root = document.documentElement;
   const failed = document.getElementById("failed");
   const dark = matchMedia("(prefers-color-scheme: dark)");
-  const theme = () => root.dataset.theme;
+  const theme = () => root.dataset.theme, paper = () => "paper" in root.dataset, look = () => paper() ? "paper" : theme();
   root.dataset.theme = dark.matches ? "dark" : "light";
 
-  function bytes(text) {  // a plain loop: a call for each byte of the library takes half a second
+  function bytes(text) {
+    if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text).buffer;
+    // a plain loop: a call for each byte of the library takes half a second
     const found = atob(text), raw = new Uint8Array(found.length);
     for (let k = 0; k < found.length; k++) raw[k] = found.charCodeAt(k);
     return raw.buffer;
   }
-  async function unpack(id) {
-    return new Response(new Blob([bytes(document.getElementById(id).textContent.trim())]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
-  }
-  if (!("DecompressionStream" in window)) {
-    failed.textContent = "The charts need a browser of 2023 or later; words and tables do not.";
+  const unpack = id => new Response(new Blob([bytes(document.getElementById(id).textContent.trim())]).stream().pipeThrough(
+    new DecompressionStream("gzip")), { headers: { "content-type": "text/javascript" } });
+  function refuse(text) {
+    failed.textContent = text;
     failed.hidden = false;
-    return;
   }
-  const script = document.createElement("script");
-  script.textContent = await unpack("plotly");
-  document.head.append(script);
-  const payload = JSON.parse(await unpack("payload"));
+  if (!("DecompressionStream" in window)) return refuse("The charts need a browser of 2023 or later; words and tables do not.");
+  await new Promise(next => requestAnimationFrame(() => setTimeout(next)));  // the answer is painted before all else
+  const unpacked = unpack("payload").json(), script = document.createElement("script");
+  script.src = URL.createObjectURL(await unpack("plotly").blob());
+  const loaded = await new Promise(then => {
+    script.onload = () => then(true);
+    script.onerror = () => then(false);
+    document.head.append(script);
+  });
+  if (!loaded) return refuse("This browser refuses the charts' library; words and tables do not need it.");
+  URL.revokeObjectURL(script.src);
+  const payload = await unpacked;
 
   const KINDS = { f4: Float32Array, f8: Float64Array };
   function numbers(value) {
@@ -102,6 +111,7 @@
     if (place.offsetParent === null) return;
     const layout = { ...painted(payload.layout), ...painted(chart.layout) };
     if (layout.meta === "pair" && place.clientWidth < NARROW) stack(layout);
+    if (paper()) layout.width = place.clientWidth;
     if (chart.window) layout.xaxis = { ...layout.xaxis, range: chart.window, autorange: false };
     Plotly.react(place, traces(chart), layout, config);
     if (!chart.drawn && chart.traces.some(t => t.meta === "signal")) {
@@ -113,20 +123,35 @@
         draw(chart);
       });
     }
-    chart.drawn = true;
+    chart.drawn = look();
   }
-  const drawAll = () => payload.charts.forEach(draw);
-  const below = chart => document.getElementById(chart.id).getBoundingClientRect().top - window.innerHeight;
-  // What is on the screen at once, the rest while the reader reads: each chart leaves the page time to answer.
-  async function open() {
-    const near = payload.charts.filter(c => below(c) < 0);
-    near.forEach(draw);
-    root.dataset.opened = "true";
-    for (const chart of payload.charts.filter(c => !near.includes(c))) {
+
+  // A page of twenty charts would be busy for seconds after it opened: those within a screen of what is shown are enough.
+  const near = new Set();
+  const far = chart => Math.abs(document.getElementById(chart.id).getBoundingClientRect().top);
+  let drawing = false;
+  async function drawNear() {  // each chart leaves the page time to answer
+    if (drawing) return;
+    drawing = true;
+    for (;;) {
+      const left = [...near].filter(c => c.drawn !== look()).sort((a, b) => far(a) - far(b));
+      if (!left.length) break;
+      draw(left[0]);
       await new Promise(next => setTimeout(next));
-      if (!chart.drawn) draw(chart);
     }
+    drawing = false;
     root.dataset.ready = "true";
+  }
+  const watched = new IntersectionObserver(changed => {
+    for (const change of changed) {
+      const chart = payload.charts.find(c => c.id === change.target.id);
+      if (change.isIntersecting) near.add(chart); else near.delete(chart);
+    }
+    drawNear();
+  }, { rootMargin: "100% 0px" });
+  function paint(name) {
+    root.dataset.theme = name;
+    drawNear();
   }
 
   function csv(chart) {
@@ -147,10 +172,9 @@
     const select = group.querySelector("select");
     const show = () => {
       group.querySelectorAll("figure").forEach(f => { f.hidden = f.dataset.chart !== select.value; });
-      payload.charts.filter(c => c.id === select.value).forEach(draw);
     };
     select.addEventListener("change", show);
-    group.querySelectorAll("figure").forEach(f => { f.hidden = f.dataset.chart !== select.value; });
+    show();
   }
   for (const button of document.querySelectorAll(".csv")) {
     button.addEventListener("click", () => {
@@ -162,14 +186,22 @@
       URL.revokeObjectURL(link.href);
     });
   }
-  document.getElementById("theme").addEventListener("click", () => {
-    root.dataset.theme = theme() === "dark" ? "light" : "dark";
-    drawAll();
-  });
-  dark.addEventListener("change", () => { root.dataset.theme = dark.matches ? "dark" : "light"; drawAll(); });
-  // Paper is white.
+  document.getElementById("theme").addEventListener("click", () => paint(theme() === "dark" ? "light" : "dark"));
+  dark.addEventListener("change", () => paint(dark.matches ? "dark" : "light"));
   let shown = null;
-  window.addEventListener("beforeprint", () => { shown = theme(); if (shown === "dark") { root.dataset.theme = "light"; drawAll(); } });
-  window.addEventListener("afterprint", () => { if (shown === "dark") { root.dataset.theme = shown; drawAll(); } });
-  await open();
+  window.addEventListener("beforeprint", () => {  // paper is white, as wide as the style says, and shows every chart
+    shown = theme();
+    root.dataset.theme = "light";
+    root.dataset.paper = "";
+    payload.charts.forEach(draw);
+  });
+  window.addEventListener("afterprint", () => {
+    delete root.dataset.paper;
+    for (const chart of payload.charts.filter(c => c.drawn)) {  // to be drawn anew as wide as the screen
+      Plotly.purge(chart.id);
+      chart.drawn = null;
+    }
+    paint(shown);
+  });
+  payload.charts.forEach(c => watched.observe(document.getElementById(c.id)));
 })();

@@ -7,6 +7,16 @@ import pytest
 from objections import violations
 
 DRAWN = "figure.chart:not([hidden])"
+PLOTS = """[...document.querySelectorAll("figure.chart:not([hidden]) .plot")].map(
+    e => [e.id, e.getBoundingClientRect().top / innerHeight, e.querySelector(".main-svg")?.clientWidth ?? 0])"""
+
+
+def seen(page, chart):
+    """Scroll to a chart, and wait until it is drawn."""
+    place = page.locator(f'[id="{chart}"]')
+    place.scroll_into_view_if_needed()
+    place.locator(".main-svg").first.wait_for()
+    return place
 
 
 @pytest.fixture
@@ -45,7 +55,7 @@ def test_every_word_of_the_answer_is_readable(opened, theme):
     assert len(found) > 40 and min(found) >= 4.5
 
 
-@pytest.mark.parametrize("width", [1000, 1150, 1280])
+@pytest.mark.parametrize("width", [390, 1000, 1150, 1280])
 def test_every_number_of_the_answer_is_seen_without_scrolling_its_table(opened, width):
     opened.set_viewport_size({"width": width, "height": 900})
     hidden = opened.evaluate("""[...document.querySelectorAll("#verdict .wide")].filter(
@@ -78,7 +88,30 @@ def test_the_answer_needs_no_script_and_prints(browser, report):
     page.emulate_media(media="print")
     assert page.locator("#answer").is_visible() and page.locator("#verdict .drive-wide svg").is_visible()
     assert page.locator("#verdict dt").count() >= 7 and not page.locator("nav").is_visible()
+    assert page.locator(".plot:visible").count() == 0 == page.locator("button:visible").count()  # nothing that is dead
     context.close()
+
+
+def test_a_chart_is_drawn_when_the_reader_comes_near_it_and_not_before(opened):
+    first = opened.evaluate(PLOTS)
+    far = [name for name, top, width in first if top > 2]
+    assert len(far) >= 5 and not any(width for name, top, width in first if name in far)
+    assert all(width for name, top, width in first if top < 1.5)
+    for name in far:
+        seen(opened, name)
+
+
+def test_paper_shows_every_chart_in_ink_as_wide_as_the_paper_and_the_screen_is_as_before(opened):
+    opened.emulate_media(color_scheme="dark")
+    opened.wait_for_selector("html[data-theme=dark]")
+    opened.evaluate(f"""window.addEventListener("beforeprint", () => {{
+        window.printed = [{PLOTS}, getComputedStyle(document.body).backgroundColor]; }})""")
+    assert opened.pdf(format="A4").startswith(b"%PDF")
+    charts, ground = opened.evaluate("window.printed")
+    assert len(charts) >= 8 and all(0 < width <= 1000 for _, _, width in charts) and ground == "rgb(255, 255, 255)"
+    for name, _, _ in charts[1:3]:
+        assert seen(opened, name).locator(".main-svg").first.evaluate("e => e.clientWidth") > 1000
+        assert opened.evaluate(f"document.getElementById('{name}').layout.paper_bgcolor") == "#15181c"
 
 
 def test_the_charts_open_on_the_variable_that_is_to_blame(opened):
@@ -98,13 +131,13 @@ def test_every_shown_chart_has_data(opened):
     charts = opened.locator(DRAWN)
     assert charts.count() >= 8
     for k in range(charts.count()):
+        seen(opened, charts.nth(k).get_attribute("data-chart"))
         shapes = charts.nth(k).locator(".trace path, .heatmaplayer image, .heatmap image, .point path")
         assert shapes.count() > 0, charts.nth(k).get_attribute("data-chart")
 
 
 def test_zooming_shows_more_of_the_same_signals_on_one_time_axis(opened):
-    chart = opened.locator("#timeline")
-    chart.scroll_into_view_if_needed()
+    seen(opened, "timeline")
     layer = opened.locator("#timeline .nsewdrag").nth(2)
     box = layer.bounding_box()
     y = box["y"] + box["height"] / 2
@@ -127,6 +160,7 @@ def test_another_map_can_be_chosen_with_the_keyboard(opened):
     opened.keyboard.press("ArrowDown")
     opened.keyboard.press("Enter")
     after = opened.locator(f"#maps {DRAWN}").get_attribute("data-chart")
+    seen(opened, after)
     assert after != before and opened.locator(f"#maps {DRAWN} image").count() > 0
 
 
@@ -134,9 +168,11 @@ def test_the_theme_can_be_changed(opened):
     def ground():
         return opened.evaluate("(() => getComputedStyle(document.body).backgroundColor)()")
     light = ground()
+    seen(opened, "ladder")
     opened.get_by_role("button", name="Light or dark").click()
     assert ground() != light
-    assert opened.evaluate("(() => document.getElementById('ladder').layout.paper_bgcolor)()") == "#15181c"
+    seen(opened, "ladder")
+    opened.wait_for_function("document.getElementById('ladder').layout.paper_bgcolor === '#15181c'")
 
 
 def test_the_numbers_of_a_chart_can_be_saved(opened, tmp_path):

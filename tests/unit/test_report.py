@@ -53,6 +53,7 @@ def test_one_file_with_every_section_that_asks_no_server(found):
     assert {name for name, _ in SECTIONS} <= set(page.ids)
     assert all(a.startswith("#") for a in page.addresses)
     assert "default-src 'none'" in text and len(text) < 3e6
+    assert text.index('id="answer"') < text.index("<svg") < text.index("<script")  # words and drawing wait for nothing
 
 
 def test_every_chart_has_words_that_stand_for_it_and_a_place(found):
