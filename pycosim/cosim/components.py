@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..compile import Library
+from ..compile import shared_library
 from ..control import controllers, trajectories
 from ..core import cache
 from ..core.errors import CosimulationError, PycosimError, ScenarioError, UnknownNameError, closest
@@ -48,13 +48,19 @@ class _Participant:
     def prepare(self, inputs, outputs):
         """Fix which inputs are set and which variables are read, by name."""
 
+    readable = False  # whether `read` tells the values at any time
+
     def read(self):
-        """Values read, after a step; None where nothing changes between instants."""
+        """Values read, after a step; None where only `exchange` tells them."""
         return None
 
     def exchange(self, t, u):
         """Take inputs, return the values read."""
         raise NotImplementedError
+
+    def take(self, t, u):
+        """Take inputs where nobody reads what follows from them; `read` tells it later, where it can."""
+        self.exchange(t, u)
 
     def advance(self, t, h):
         """Go on from t for h, inputs held."""
@@ -68,20 +74,19 @@ class _Participant:
 
 
 class _Buffered:
-    """A CasADi function on fixed arrays, called without conversion."""
+    """A CasADi function on the given arrays, called without conversion."""
 
-    def __init__(self, function):
-        self.arguments = [np.zeros(function.nnz_in(k)) for k in range(function.n_in())]
+    def __init__(self, function, *arguments):
         self.results = [np.zeros(function.nnz_out(k)) for k in range(function.n_out())]
         self.buffer, self.run = function.buffer()
-        for k, a in enumerate(self.arguments):
+        for k, a in enumerate(arguments):
+            if a.shape != (function.nnz_in(k),):
+                raise ValueError(f"{function.name()}: argument {k} has shape {a.shape}")  # or it reads elsewhere
             self.buffer.set_arg(k, memoryview(a))
         for k, r in enumerate(self.results):
             self.buffer.set_res(k, memoryview(r))
 
-    def __call__(self, *values):
-        for a, v in zip(self.arguments, values):
-            a[:] = v
+    def __call__(self):
         self.run()
         return self.results
 
@@ -89,6 +94,7 @@ class _Buffered:
 class _InProcess(_Participant):
     """State in arrays of numbers; saved as they are."""
 
+    readable = True
     state = ()
 
     def save(self):
@@ -121,7 +127,9 @@ class _Plant(_InProcess):
         self.state = self.x, self.z, self.now, self.u, self.time, self.fresh
         self.inputs, self.known = d.inputs, [*d.states, *d.outputs, *d.inputs]
         self.units = {n: v.unit for n, v in model.variables.items()}
-        self.step, self.initial = _Buffered(d.step), _Buffered(d.initial)
+        self.at_t, self.part = np.zeros(1), np.zeros(1)
+        self.step = _Buffered(d.step, self.x, self.z, self.u, self.u, self.q, self.at_t, self.part)
+        self.initial = _Buffered(d.initial, self.x, self.z, self.u, self.q, self.time)
 
     def prepare(self, inputs, outputs):
         import casadi as ca
@@ -132,7 +140,8 @@ class _Plant(_InProcess):
         y = d.output(*a)
         where |= {n: (y, k) for k, n in enumerate(d.outputs)}
         rows = [where[n][0][where[n][1]] for n in outputs]
-        self.observe = _Buffered(ca.Function("observe", a, [ca.densify(ca.cse(ca.vertcat(*rows, ca.SX(0, 1))))]))
+        observe = ca.Function("observe", a, [ca.densify(ca.cse(ca.vertcat(*rows, ca.SX(0, 1))))])
+        self.observe = _Buffered(observe, self.x, self.now, self.u, self.p, self.time)
         self._solve()
         self.z[:] = self.now
 
@@ -140,7 +149,7 @@ class _Plant(_InProcess):
         """Algebraic variables that fit states and inputs."""
         if self.fresh[0]:
             return
-        self.now[:] = self.initial(self.x, self.z, self.u, self.q, self.time)[0]
+        self.now[:] = self.initial()[0]
         if not np.isfinite(self.now).all():
             raise CosimulationError(f"the loads have no solution at t = {self.time[0]:g} s; check that every joint has "
                                     "inertia")
@@ -148,18 +157,22 @@ class _Plant(_InProcess):
 
     def read(self):
         self._solve()
-        return self.observe(self.x, self.now, self.u, self.p, self.time)[0]
+        return self.observe()[0]
 
     def exchange(self, t, u):
+        self.take(t, u)
+        return self.read()
+
+    def take(self, t, u):
         if (self.u[self.at] != u).any():
             self.u[self.at], self.fresh[0] = u, 0
-        return self.read()
 
     def advance(self, t, h):
         count = max(1, math.ceil(h / self.longest - 1e-6))
         part = h / count
         for k in range(count):
-            x, z, error = self.step(self.x, self.z, self.u, self.u, self.q, t + k * part, part)
+            self.at_t[0], self.part[0] = t + k * part, part
+            x, z, error = self.step()
             if not np.isfinite(x).all() or not error[0] <= 1 or gap(self.x, x, part, self.d.speeds) > GAP:
                 found = in_parts(self.d, self.x, self.z, self.u, self.u, self.q, t + k * part, part)
                 if not found:
@@ -186,22 +199,25 @@ class _Controller(_InProcess):
         self.p = np.array(list(given.values()))
         self.x, self.u = np.array([v.value for v in block.states]), np.array([v.value for v in block.inputs])
         self.state = self.x, self.u
-        self.output, self.update = _Buffered(block.output), _Buffered(block.update)
+        arguments = self.x, self.u, self.p
+        self.output, self.update = _Buffered(block.output, *arguments), _Buffered(block.update, *arguments)
 
     def prepare(self, inputs, outputs):
         self.at = [self.inputs.index(n) for n in inputs]
         self.wanted = [self.known.index(n) for n in outputs]
 
     def read(self):
-        y = self.output(self.x, self.u, self.p)[0]
-        return np.concatenate([y, self.u, self.x])[self.wanted]
+        return np.concatenate([self.output()[0], self.u, self.x])[self.wanted]
 
     def exchange(self, t, u):
-        self.u[self.at] = u
+        self.take(t, u)
         return self.read()
 
+    def take(self, t, u):
+        self.u[self.at] = u
+
     def advance(self, t, h):
-        self.x[:] = self.update(self.x, self.u, self.p)[0]
+        self.x[:] = self.update()[0]
 
 
 class _Motion(_Participant):
@@ -307,6 +323,8 @@ def _module(module, path):
 class _Fmu(_Participant):
     """An FMU of version 2 or 3, through fmpy."""
 
+    readable = True
+
     def __init__(self, c, path, stack):
         use = 'an FMU in a co-simulation (run = "process" does without)'
         fmpy = extra("fmpy", use, CosimulationError)
@@ -386,9 +404,12 @@ class _Fmu(_Participant):
         return self.view[1].copy()
 
     def exchange(self, t, u):
+        self.take(t, u)
+        return self.read()
+
+    def take(self, t, u):
         self.view[0][:] = u
         self._move(True, self.given)
-        return self.read()
 
     def advance(self, t, h):
         self._call(f"the step from t = {t:g} s", self.slave.doStep, t, h)
@@ -444,7 +465,7 @@ def _machine(scenario, what, library):
     else:
         study = Study(scenario.path.parent / f"{what.rsplit('.', 1)[-1]}.toml", what)
     if study.modelica:
-        library = Library(study.modelica)
+        library = shared_library(study.modelica)
     return study, study.validate(library)
 
 

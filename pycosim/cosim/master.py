@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ..compile import Library
+from ..compile import shared_library
 from ..core.errors import CosimulationError, ScenarioError, UnknownNameError, closest
 from .components import check_names, make_component, naming
 from .scenario import Scenario, cycle, load_scenario
@@ -95,7 +95,7 @@ def cosimulate(scenario, until=None, resume=None, progress=None, library=None, s
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
     with ExitStack() as stack:
-        master = _Master(scenario, library or Library(), stack, progress or (lambda text: None), allow_python)
+        master = _Master(scenario, library or shared_library(), stack, progress or (lambda text: None), allow_python)
         if resume is not None:
             master.restore(resume)
         return master.run(until, stop or (lambda: False), _saving(save, every))
@@ -128,6 +128,7 @@ class _Master:
                 self.parts[c.name] = make_component(scenario, c, library, stack, allow_python)
         self._connect()
         self._clock()
+        self._readers()
         self.tick = 0
         self.random = np.random.Generator(np.random.PCG64(scenario.seed))
         self.values = np.zeros(self.size)
@@ -237,22 +238,40 @@ class _Master:
             self.current = name
             self.parts[name].advance(t, self.period[name])
 
+    def _readers(self):
+        """Which components are read before they take their inputs, and which after that at every instant.
+
+        The others are read for the log alone; working out what nobody reads would take as long as the rest.
+        """
+        order, jacobi = [c.name for c in self.scenario.components], self.scenario.method == "jacobi"
+        self.before, self.after = set(), set()
+        for c in order:
+            readers = [b for (b, _), (a, _) in self.sources.items() if a == c]
+            if any(jacobi or order.index(b) <= order.index(c) for b in readers):
+                self.before.add(c)
+            later = not jacobi and any(order.index(b) > order.index(c) for b in readers)
+            alone = any(n % self.every[c] for n in (self.log_every, *(self.every[b] for b in readers)))
+            if later or alone or not self.parts[c].readable:
+                self.after.add(c)
+
     def _instant(self):
         """Everything that happens at a communication instant before time goes on."""
-        self.fresh, t, due = False, self._time(self.tick), self._due()
+        self.fresh, t, due, logged = False, self._time(self.tick), self._due(), self.tick % self.log_every == 0
         for name in due:
-            self.current = name
-            value = self.parts[name].read()
-            if value is not None:
-                self.values[self.slots[name]] = value
+            if name in self.before and self.parts[name].readable:
+                self.current = name
+                self.values[self.slots[name]] = self.parts[name].read()
         before = self.values.copy() if self.scenario.method == "jacobi" else self.values
         for name in due:
-            self.current = name
+            self.current, part = name, self.parts[name]
             numbers, constants = self.takes[name]
             u = np.concatenate([before[numbers], constants]) if constants.size else before[numbers]
-            self.values[self.slots[name]] = self.parts[name].exchange(t, u)
+            if logged or name in self.after:
+                self.values[self.slots[name]] = part.exchange(t, u)
+            else:
+                part.take(t, u)
         self._check_finite(due, t)
-        if self.tick % self.log_every == 0:
+        if logged:
             self._log(t)
 
     def _check_finite(self, due, t):

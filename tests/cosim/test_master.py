@@ -100,6 +100,15 @@ def test_a_run_repeats_bit_for_bit_and_follows_its_motion(scenario, library):
     assert np.ptp(first.log["q"]) > 0.1
 
 
+@pytest.mark.parametrize("method", ["gauss-seidel", "jacobi"])
+def test_what_is_read_for_the_log_alone_changes_nothing(scenario, library, method):
+    """Values that only the log takes are worked out at its instants, and are those of a log of every instant."""
+    changes = (("seed = 3", f'method = "{method}"'), (", noise = 1e-3", ""), (", quantum = 1e-4", ""))
+    every, some = (cosimulate(scenario(*changes, ("[log]\nrate = 100", f"[log]\nrate = {rate}")), library=library)
+                   for rate in (1000, 100))
+    assert len(some.log) == 121 and every.log[::10].reset_index(drop=True).equals(some.log)
+
+
 def test_columns_have_the_resolution_and_the_noise_they_ask_for(scenario, library):
     noisy = cosimulate(scenario(), library=library).log
     exact = cosimulate(scenario((", noise = 1e-3", ""), (", quantum = 1e-4", "")), library=library).log
