@@ -14,9 +14,9 @@ from .effects import (
     ranked,
 )
 from .model import Model, Question, compile_model
-from .parse import Library
+from .parse import Library, shared_library
 from .solve import solve
 
 __all__ = ["ArrayFunction", "Effect", "Library", "Model", "Place", "Question", "catalogue", "compile_model",
            "component_name", "extend", "find_effect", "find_place", "places", "potentials",
-           "ranked", "solve"]
+           "ranked", "shared_library", "solve"]

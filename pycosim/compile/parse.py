@@ -27,6 +27,8 @@ from . import tree_data
 
 logging.getLogger("pymoca").setLevel(logging.CRITICAL)
 LIBRARY = shipped("modelica")
+_SHARED = 4  # libraries that are kept, those last asked for; each holds the models that were compiled from it
+_shared = {}
 
 
 @dataclass
@@ -108,17 +110,17 @@ class Library:
     @cached_property
     def tree(self):
         """The parsed tree of all files."""
-        return cache.remember("tree", self.digest, self._parse, tree_data.dump, tree_data.load)
+        with _no_collection():
+            return cache.remember("tree", self.digest, self._parse, tree_data.dump, tree_data.load)
 
     def _parse(self):
         tree = None
-        with _no_collection():
-            for path, text in self.text.items():
-                part = parse(text, str(path))
-                if tree is None:
-                    tree = part
-                else:
-                    tree.extend(part)
+        for path, text in self.text.items():
+            part = parse(text, str(path))
+            if tree is None:
+                tree = part
+            else:
+                tree.extend(part)
         return tree
 
     def find(self, name):
@@ -287,6 +289,34 @@ class Library:
             if f" {short} " in text and f"end {short};" in text:
                 return path
         return "generated model"
+
+
+def shared_library(extra=()):
+    """The library with the user's own files; the same object again while every text is the same.
+
+    What was compiled once is then there for every project, log and machine of a process that uses it.
+
+    Parameters
+    ----------
+    extra : sequence of path
+        Modelica files of the user.
+
+    Returns
+    -------
+    Library
+
+    Raises
+    ------
+    ModelicaError
+        A file cannot be read.
+    """
+    made = Library(extra)
+    key = made.digest, tuple(map(str, made.files))
+    made = _shared.pop(key, made)
+    _shared[key] = made
+    while len(_shared) > _SHARED:
+        del _shared[next(iter(_shared))]
+    return made
 
 
 @contextmanager

@@ -6,12 +6,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import json
+from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 import numpy as np
 
 from ..compile import ArrayFunction, solve
+from ..core import cache
 from ..core.errors import DataError, ModelicaError, UnknownNameError, closest
 from .delays import undo
 from .filters import recorded
@@ -79,7 +81,9 @@ def dynamics(model, tolerance=TOLERANCE):
     StudyError
         The rig's annotation has no ``simulate``.
     """
-    return model.library.memo(("dynamics", model.key, tolerance), lambda: _dynamics(model, tolerance))
+    key = cache.digest(model.key, "dynamics", repr(tolerance))
+    return model.library.memo(("dynamics", model.key, tolerance), lambda: cache.remember(
+        "dynamics", key, lambda: _dynamics(model, tolerance), _dump, _load))
 
 
 def _dynamics(model, tolerance):
@@ -103,6 +107,16 @@ def _dynamics(model, tolerance):
     speeds = [solution.states.index(n) if n in solution.states else None for n in rates]
     return Dynamics(known, solution.states, solution.algebraic, parameters, outputs, start, speeds,
                     made.prepare, made.initial, made.step, output)
+
+
+def _dump(made):
+    return json.dumps({n: v.serialize() if isinstance(v, ca.Function) else v for n, v in vars(made).items()}).encode()
+
+
+def _load(data):
+    found = json.loads(data)
+    functions = {f.name: ca.Function.deserialize(found[f.name]) for f in fields(Dynamics) if f.type == "ca.Function"}
+    return Dynamics(**{**found, **functions})
 
 
 def step_function(model, h=None):

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import pandas as pd
 
-from ..compile import Library
+from ..compile import shared_library
 from ..core.errors import StudyError
 from ..data.checks import check
 from ..data.dataset import Dataset
@@ -86,7 +86,7 @@ def open_project(study: AnyPath | Study, data: Data | None = None, progress: Say
         given = _with(given, data)
     if robust:
         given = replace(given, robust=True)
-    library = Library(given.modelica)
+    library = shared_library(given.modelica)
     return Project(given, library, given.validate(library), progress or usual())
 
 

@@ -3,10 +3,12 @@
 import json
 import pickle
 
+import numpy as np
 import pytest
 
-from pycosim.compile import Library, tree_data
+from pycosim.compile import Library, compile_model, shared_library, tree_data
 from pycosim.core.errors import ModelicaError
+from pycosim.dynamics.simulate import simulate
 from pycosim.export.links import evaluate
 
 
@@ -30,6 +32,25 @@ def test_a_model_compiles_the_same_from_the_cache(monkeypatch, tmp_path):
     assert len(kept) == 1 and json.loads(kept[0].read_bytes())["format"] == tree_data.FORMAT
     b = second.flatten("DriveTrain.Rigs.HipKnee")
     assert list(map(str, a.equations)) == list(map(str, b.equations)) and a.parameters == b.parameters
+
+
+def test_a_rig_moves_the_same_from_the_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("PYCOSIM_CACHE", str(tmp_path))
+    time = np.linspace(0, 0.2, 50)
+    made, kept = (simulate(compile_model(Library(), "DriveTrain.Rigs.GearedJoint", [("viscous", "gear")]),
+                           {"tau": np.sin(40 * time)}, time) for _ in range(2))
+    assert len([p for p in tmp_path.iterdir() if p.name.startswith("dynamics-")]) == 1
+    assert made.keys() == kept.keys() and all((made[n] == kept[n]).all() for n in made) and np.ptp(made["q"]) > 0
+
+
+def test_a_library_is_shared_until_a_text_changes(tmp_path):
+    file = tmp_path / "my.mo"
+    text = "model My extends DriveTrain.Rigs.GearedJoint; end My;"
+    file.write_text(text)
+    first = shared_library([file])
+    assert shared_library([file]) is first and shared_library() is not first
+    file.write_text(text.replace("My", "Mine"))
+    assert "Mine" in shared_library([file]).walk() and "Mine" not in first.walk()
 
 
 class Evil:
