@@ -6,11 +6,15 @@ control. Machine and scenario are left beside the log, for ``pycosim cosim``.
 
 from __future__ import annotations
 
+import os
 import sys
 import time as clock
+from collections import deque
 from pathlib import Path
+from threading import Thread
 
-from ..compile import Library, compile_model, component_name
+from ..compile import compile_model, component_name, shared_library
+from ..core.executors import executor
 from ..cosim.master import cosimulate
 from ..project import open_project
 from ..report import figures
@@ -144,8 +148,8 @@ def run(out, quiet=False, progress=None):
     began, out = clock.monotonic(), Path(out)
     say = (lambda *lines: None) if quiet else _say
     progress = progress or (lambda text: None)
-    with Folder(out, "demo", writes=FILES) as folder:
-        library = Library()
+    with Folder(out, "demo", writes=FILES) as folder, Drawing() as drawing:
+        library = shared_library()
         progress("making a log")
         _make(library, folder, progress=progress)
         say("1. A log of a hip-knee actuation under position control: six manoeuvres out and back, five speeds, twice.",
@@ -154,16 +158,81 @@ def run(out, quiet=False, progress=None):
         compared = project.compare()
         say("2. The base model, fitted, against the log.", *_indent(compared.sentences), "")
         found = project.improve()
+        figures.write_figures(folder.temporary, project.dataset, found.found, drawing.save)
+        drawing.begin()
         for name, content in {**found.files(), "comparison.json": compared.record}.items():
             folder.write(name, content)
         found.save(folder.file("improved.toml"))
         _tell(found, say)
         progress("drawing")
-        figures.write_figures(folder.temporary, project.dataset, found.found)
         found.report(folder.file("report.html"))
+        drawing.finish()
     say(f"Took {clock.monotonic() - began:.0f} s. Everything is in {out}: {folder.listed}.",
         f"The same on the log alone: pycosim improve {out / 'study.toml'}")
     return found
+
+
+class Drawing:
+    """Figures drawn by a process of their own, where there is a second core for it, and at the end by this one as well.
+
+    Attributes
+    ----------
+    pool : concurrent.futures.Executor
+    """
+
+    def __init__(self):
+        self._two = (os.cpu_count() or 1) > 1
+        self._where = executor("processes" if self._two else "serial", 1)
+        self._waiting, self._failed, self._feeder = deque(), [], Thread(target=self._feed, daemon=True)
+
+    def __enter__(self):
+        self.pool = self._where.__enter__()
+        self.pool.submit(figures.save, None, None, "")  # what it needs is imported by the time that it is needed
+        return self
+
+    def __exit__(self, *error):
+        self._waiting.clear()
+        return self._where.__exit__(*error)
+
+    def save(self, *plot):
+        """Have a plot drawn.
+
+        Parameters
+        ----------
+        *plot
+            As `figures.save` takes it.
+        """
+        self._waiting.append(plot)
+
+    def begin(self):
+        """Draw what waits, meanwhile."""
+        if self._two:
+            self._feeder.start()
+
+    def _feed(self):
+        for plot in _taken(self._waiting):
+            try:
+                self.pool.submit(figures.save, *plot).result()
+            except Exception:  # the process ended, or cannot draw it; this one will, or tell why not
+                self._failed.append(plot)
+
+    def finish(self):
+        """Draw what nobody has begun, and wait for the rest."""
+        for plot in _taken(self._waiting):
+            figures.save(*plot)
+        if self._two:
+            self._feeder.join()
+        for plot in self._failed:
+            figures.save(*plot)
+
+
+def _taken(waiting):
+    """What waits, taken out one by one, also where others take too."""
+    while True:
+        try:
+            yield waiting.popleft()
+        except IndexError:
+            return
 
 
 def _say(*lines):

@@ -315,7 +315,7 @@ def save(plot, folder, name, forms=("pdf", "png")):
         drawn.set_layout_engine("none")  # laid out already
 
 
-def write_comparison(folder, dataset, model, fit, other=None):
+def write_comparison(folder, dataset, model, fit, other=None, save=save):
     """Figures of a comparison, into ``folder / "figures"``.
 
     Parameters
@@ -326,6 +326,8 @@ def write_comparison(folder, dataset, model, fit, other=None):
     fit : Fit
     other : (Model, Fit), optional
         A second model to draw over time.
+    save : callable, optional
+        Draws a plot; as `save`, or what has another process do so.
     """
     folder, floor = folder / "figures", noise_floor(dataset, model, fit)
     save(drawings.manoeuvres(dataset), folder, "manoeuvres")
@@ -340,7 +342,7 @@ def write_comparison(folder, dataset, model, fit, other=None):
         save(plot, folder, f"map_{plot.channel}")
 
 
-def write_figures(folder, dataset, improvement):
+def write_figures(folder, dataset, improvement, save=save):
     """Figures of a search, into ``folder / "figures"``.
 
     Parameters
@@ -348,11 +350,13 @@ def write_figures(folder, dataset, improvement):
     folder : Path
     dataset : Dataset
     improvement : Improvement
+    save : callable, optional
+        As of `write_comparison`.
     """
     steps, found = improvement.steps, improvement.last
     base, last = steps[0], steps[-1]
     more = len(steps) > 1
-    write_comparison(folder, dataset, base.model, base.fit, (last.model, last.fit) if more else None)
+    write_comparison(folder, dataset, base.model, base.fit, (last.model, last.fit) if more else None, save)
     folder = folder / "figures"
     save(drawings.unexplained(dataset, found.unexplained), folder, "unexplained")
     save(drawings.candidates(improvement.first, held_out=base.held_out_error), folder, "candidates")

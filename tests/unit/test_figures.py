@@ -131,6 +131,24 @@ def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
     assert all(f">{number(v)} N.m</text>" in drawing for v in error.values()) and len(error) == 2
 
 
+@pytest.mark.parametrize("ends", [False, True])
+def test_figures_of_another_process_are_the_same_also_when_it_ends(dataset, improvement, tmp_path, monkeypatch, ends):
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    steps = [(s.model, s.fit) for s in improvement.steps]
+    plots = [drawings.manoeuvres(dataset), *(drawings.first_maps(dataset, *step)[0] for step in steps)]
+    with demo.Drawing() as drawing:
+        for k, plot in enumerate(plots):
+            drawing.save(plot, tmp_path / "there", f"plot{k}")
+        for process in [*drawing.pool._processes.values()] if ends else ():
+            process.kill()
+        drawing.begin()
+        drawing.finish()
+    for k, plot in enumerate(plots):
+        figures.save(plot, tmp_path / "here", f"plot{k}")
+    here, there = ({p.name: p.read_bytes() for p in (tmp_path / w).iterdir()} for w in ("here", "there"))
+    assert here == there and len(here) == 6
+
+
 def test_the_demo_tells_what_was_found_and_what_was_hidden(dataset, improvement):
     said = []
     demo._tell(Search(open_project(dataset.study), improvement), lambda *lines: said.extend(lines))
