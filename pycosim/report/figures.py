@@ -330,6 +330,7 @@ def write_comparison(folder, dataset, model, fit, other=None, save=save):
         Draws a plot; as `save`, or what has another process do so.
     """
     folder, floor = folder / "figures", noise_floor(dataset, model, fit)
+    folder.mkdir(parents=True, exist_ok=True)
     save(drawings.manoeuvres(dataset), folder, "manoeuvres")
     if not dataset.averaged:
         models = [(model, fit), other] if other else [(model, fit)]
