@@ -36,6 +36,23 @@ def rises(before, after):
             for c in after["test"]}
 
 
+def beyond(risen, without):
+    """What an effect adds to the squared errors of the held-out part, in the units of those of unseen folds.
+
+    Parameters
+    ----------
+    risen : dict of str to float or None
+        As `rises` says it.
+    without : Selection
+        Errors of unseen folds without the effect.
+
+    Returns
+    -------
+    float
+    """
+    return float(np.dot(list(risen.values()), without.channels.sum(1))) if risen else 0.0
+
+
 def remaining(told, before, after, follows, risen=None):
     """How much of what an effect takes is left depending on one variable, in the channels that it acts on.
 
@@ -68,9 +85,9 @@ def remaining(told, before, after, follows, risen=None):
     takes = fall[acts].sum()
     if not takes:
         return 0.0, None
-    beyond = float(np.dot(list(risen.values()), without)) if risen else 0.0
-    if beyond > LEFT * takes:
-        return beyond / takes, HELD_OUT
+    added = beyond(risen, before)
+    if added > LEFT * takes:
+        return added / takes, HELD_OUT
     if not still:
         return 0.0, None
     return float(sum(taken for taken, _ in still) - fall[fall < 0].sum()) / takes, max(still)[1]

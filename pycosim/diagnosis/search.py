@@ -12,7 +12,7 @@ from .constancy import allowed, constancy
 from .crossval import difference, select
 from .decide import SEPARATE, Finding, diagnose, nudged
 from .dependence import dependence
-from .remainder import LEFT, remaining, rises
+from .remainder import LEFT, beyond, remaining, rises
 
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
@@ -305,24 +305,28 @@ def _ahead(dataset, steps, found, seed, progress):
 def _shortfall(dataset, steps, noise, known, seed):
     """How far the effects added after the known steps are from having one coefficient all over the data.
 
-    Over what is allowed: the largest of what each would gain where its coefficient varies, beside the others, and of
-    what is left over what they have taken together.
+    Over what is allowed: the largest of what each would gain where its coefficient varies, beside the others, of what
+    it adds to the errors of the held-out part, and of what is left over what they have taken together.
     """
     full = select(dataset, steps[-1].model, steps[-1].fit, noise)
     before = select(dataset, steps[known - 1].model, steps[known - 1].fit, noise, full.usual)
-    risen = rises(*({"fit": s.error, "test": s.held_out_error} for s in (steps[known - 1], steps[-1])))
+    def risen(without):
+        return rises(*({"fit": s.error, "test": s.held_out_error} for s in (without, steps[-1])))
+
     told = constancy(dataset, steps[-1].model, steps[-1].fit)
     follows = {name: max(told[s.added].follows[name] for s in steps[known:])
                for name in told[steps[-1].added].follows}
     left = dependence(dataset, steps[-1].model, steps[-1].fit, seed)
-    worst = remaining(left, before, full, follows, risen)[0] / LEFT
+    worst = remaining(left, before, full, follows, risen(steps[known - 1]))[0] / LEFT
     for out in steps[known:]:
         rest = [k for k in steps[-1].model.keys if k != out.added]
         model = compile_model(dataset.library, steps[0].model.rig, rest)
         fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
-        takes, spread = difference(select(dataset, model, fit, noise, full.usual).raw, full.raw)
+        alone = select(dataset, model, fit, noise, full.usual)
+        takes, spread = difference(alone.raw, full.raw)
         if takes <= spread:  # superfluous beside the others
             return float("inf")
+        worst = max(worst, beyond(risen(step_of(dataset, model, fit)), alone) / (LEFT * takes))
         effect = next(e for e, p in steps[-1].model.attached if (e.id, p.name) == out.added)
         worst = max(worst, told[out.added].gain * full.raw.sum() / (allowed(effect) * takes))
     return worst
