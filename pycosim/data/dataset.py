@@ -16,7 +16,7 @@ from ..core.errors import DataError, StudyError
 from ..dynamics.delays import Record, undo
 from ..dynamics.filters import settings
 from ..dynamics.states import dependent_parameters, propagate
-from . import instruments, segmentation
+from . import instruments, segmentation, turns
 from .derivatives import derivatives, resolution
 from .logs import load, require, require_alike
 from .noise import contiguous
@@ -28,7 +28,6 @@ _ENDS = {"min": min, "max": max}  # of what a place travels over
 SPEEDS = {"phi": "w", "s": "v"}  # of a rotating and of a sliding component: position and speed
 SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
 AROUND, OUT = 7, 6.0  # samples whose median one is compared with, and scatters that it must be off to be out of line
-BUILT_UP = 0.02  # of a segment's friction, that may still have to build up where it counts as sliding
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 
 
@@ -511,12 +510,12 @@ class Dataset:
             segmentation.SLOW * np.min(np.abs(self.speeds), axis=1, where=self.speeds != 0, initial=np.inf)
             if self.averaged else segmentation.default_w_min(self.speeds, noise=np.sqrt(noise)))
         self.w_min = float(np.max(least))
-        moving = segmentation.moving(self.speeds, least, self.run) & self._slid(parameters)
+        moving = segmentation.moving(self.speeds, least, self.run)
         angles = [self.measured[k] for k in self.known if k.endswith("phi") and k in self.measured]
         self.config = np.array(angles) if angles else np.cumsum(self.speeds[:1], axis=1)
         self.passes = (np.where(moving, self.run, -1) if self.averaged
                        else segmentation.passes(self.time, self.speeds, moving, self.run))
-        self.moving = moving if self.averaged else self._trim(moving, angles)
+        self.moving = moving if self.averaged else self._trim(moving, angles) & ~self._building_up(parameters, moving)
         self.passes = np.where(self.moving, self.passes, -1)
         if not self.moving.any():
             raise DataError(f"{self.logs[0].path}: nothing moves: no sample has every segment faster than w_min = "
@@ -524,19 +523,34 @@ class Dataset:
         self.blocks = segmentation.blocks(self.time, self.config, self.passes, self.speeds, self.run)
         self.block = self.blocks.index
 
-    def _slid(self, parameters):
-        """Samples at which every segment has moved on since its last turn by more than its elastic displacement.
+    def _building_up(self, parameters, moving):
+        """Samples at which what friction builds up over the model's own travel would be taken for an effect.
 
-        Its friction is that of sliding only there, so that what builds up over the model's own travel is not taken for
-        an effect. Smoothed speeds tell it: an encoder's steps go to and fro in slow motion.
+        Smoothed speeds follow it: an encoder's steps go to and fro in slow motion.
         """
         own = [f"{c}.z" for c in self.base.segments]
         if self.averaged or not own:
-            return np.ones(len(self.time), dtype=bool)
-        rates = {n: v for n, v in self.signals.items() if n.startswith("der(")}
-        states, _ = propagate(self.question, rates, self.time, parameters, self.run, only=own)
-        states = states[[self.question.states.index(n) for n in own]]
-        return np.all(np.abs(np.sign(self.speeds) - states) < BUILT_UP, axis=0)
+            return np.zeros(len(self.time), dtype=bool)
+        rates, at = {n: v for n, v in self.signals.items() if n.startswith("der(")}, [
+            self.question.states.index(n) for n in own]
+        sliding = np.zeros((len(self.question.states), len(self.time)))
+        sliding[at] = np.sign(self.speeds)
+
+        def state(times):
+            longer = {n: v * times if n.endswith(".travel") else v for n, v in parameters.items()}
+            return propagate(self.question, rates, self.time, longer, self.run, only=own)[0][at]
+
+        def predicted(states):
+            return np.array(list(self.segment_signals(self.base, parameters, self.outputs, states).values()))
+
+        early, at_once, columns = state(1.0), predicted(sliding), []
+        for k, row in enumerate(at):
+            states = sliding.copy()
+            states[row] = early[k]
+            columns.append(predicted(states) - at_once)
+        errors = np.array([self.reference(c) for c in self.outputs]) - at_once
+        return turns.building_up(early - sliding[at], state(turns.LONGER) - sliding[at], moving, self.passes, self.time,
+                                 errors, np.array(columns))
 
     def _trim(self, moving, angles):
         """Leave out the ends of a pass that smoothing makes look like motion: less than two encoder steps from rest."""
