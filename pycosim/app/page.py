@@ -34,7 +34,7 @@ SOON = 0.05  # s until figures are begun, so that words are there first
 RESULTS = "/results"
 PARTS = {"log": ("data",), "answers": (), "steps": ("summary", "data", "comparison", "effects", "parameters", "plan",
                                                     "search", "export"),
-         "diagnosis": ("effects",), "plan": ("plan",), "search": ("search",), "saved": ("export",)}
+         "diagnosis": ("summary", "effects"), "plan": ("plan",), "search": ("search",), "saved": ("export",)}
 """What is drawn anew when a part of the session has changed; answers fill their fields instead."""
 
 
@@ -205,6 +205,9 @@ class Page:
         step = self.bench.step
         for line in self.bench.told:
             ui.label(line).classes("font-bold").props("data-check")
+        if self.bench.found is None and len(self.bench.steps) == 1:
+            for line in self.bench.first:
+                ui.label(line).props("data-first")
         with ui.row().classes("items-center gap-6"):
             ui.label(f"{self.bench.study.name}: {self.bench.names()[-1]}").classes("text-lg")
             ui.label(f"error {self._errors(step.error)}")

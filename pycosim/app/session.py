@@ -16,7 +16,7 @@ from ..data.proposal import Given, answered, propose, rig_of, sampled, wanted
 from ..study.template import rigs
 from .jobs import Cancelled, Job
 
-FIT = ("reading the logs", "checking the logs", "fitting", "computing errors")
+FIT = ("reading the logs", "fitting", "looking at the error", "checking the logs", "computing errors")
 TEST = ("testing every candidate", "refitting with", "looking at what is left")
 STAGES = {"open": FIT, "log": FIT, "map": FIT, "diagnose": TEST, "add": ("fitting", "computing errors"),
           "search": (*TEST[:1], "adding", "writing the report"), "export": ("building the FMU",),

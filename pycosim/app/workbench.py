@@ -6,6 +6,7 @@ that is given up leaves nothing behind.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,6 +54,8 @@ class Workbench:
         What is worked on.
     fits : list of Fitted
         The base model first; empty until data are read.
+    first : list of str
+        A first look at the base model, in words.
     diagnosed : Diagnosis or None
         Of the last model; None until asked for.
     searched : Search or None
@@ -64,7 +67,7 @@ class Workbench:
 
     def __init__(self, folder):
         self.folder = Path(folder).absolute()
-        self.project, self.fits, self.diagnosed = None, [], None
+        self.project, self.fits, self.first, self.diagnosed = None, [], [], None
         self.searched = self.report = self.planned = None
         self._library, self._say, self._written = Library(), _Relay(), None
 
@@ -135,12 +138,15 @@ class Workbench:
 
     def _take(self, study, data, progress):
         self._say.listener = progress
-        project = open_project(study, data, self._say)
-        project.check()
+        project, first = open_project(study, data, self._say), []
+        with suppress(PycosimError):  # what cannot be used is refused below
+            first = project.first_look()
+        checked = project.check()
         fitted = project.fit()
         fitted.step  # noqa: B018  computed now, not while the page is drawn
         self._say("done")
         self.project, self.fits, self.diagnosed = project, [fitted], None
+        self.first = [] if checked.blocking else first  # of a log that is mixed up it would speak of physics
         self.searched = self.report = self.planned = None
 
     def mapped(self, proposal, model, reference):

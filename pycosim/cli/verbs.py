@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
-from ..core.errors import StudyError, UnknownNameError
+from ..core.errors import PycosimError, StudyError, UnknownNameError
 from ..report import records, sentences
 from ..report.folder import Folder
 from .parser import VERBS, WRITES, Stopped, UsageError
 
 SEARCHES = "diagnose", "add", "improve", "report", "confirm"
 """Verbs that speak of physics, which a mistake of wiring or units must never be taken for."""
+LOOKS = "diagnose", "improve", "report"
+"""Verbs that take long, and have a first look meanwhile for who watches."""
 
 
 def _opened(arguments, progress):
@@ -57,6 +60,9 @@ class Run:
         DataError
             A mistake of wiring or units, and the line of the study that mends it.
         """
+        if self.verb in LOOKS and self.progress.shown:
+            with suppress(PycosimError):  # what cannot be used is refused below, with what the check says of it
+                self.project.first_look()
         checked = self.project.check()
         self.lines += checked.told
         if self.verb in SEARCHES:

@@ -15,6 +15,9 @@ import pandas as pd
 from ..compile import find_effect
 from ..core.errors import StudyError, UnknownNameError, closest
 from ..diagnosis import compare, search
+from ..diagnosis.dependence import dependence, noise_floor
+from ..diagnosis.first_look import first_look as look
+from ..diagnosis.table import Table
 from ..fit import draws, least_squares
 from ..report import plots, records, sentences
 from ..study.schema import Study
@@ -287,6 +290,21 @@ class Fitted(Shown):
         """Whether a slip in the study or the log is likelier than a missing effect, in words."""
         return sentences.summary_doubt(self.dataset, self.solution)
 
+    @cached_property
+    def first_look(self) -> list[str]:
+        """The error against its noise floor, what it depends on and the likeliest effects, before any test, in words.
+
+        Examples
+        --------
+        >>> import pycosim as pc
+        >>> pc.open("study.toml").fit().first_look[-1].startswith("Likeliest so far")
+        True
+        """
+        given = self.dataset, self.model, self.solution
+        told = dependence(*given, self.project.study.seed)
+        return sentences.summary_first_look(self.solution.error, noise_floor(*given), told, look(Table(*given)),
+                                            self.dataset.units)
+
     @property
     def undetermined(self) -> list[str]:
         """Combinations of parameters that these data do not determine, in words."""
@@ -344,7 +362,8 @@ class Fitted(Shown):
     def _diagnosis(self) -> Diagnosis:
         self.project.check().refuse()
         self.project.study.refuse_own("diagnose")
-        found = search.diagnosed(self.dataset, self.model, self.solution, self.project.study.seed, self.project.say)
+        found = search.diagnosed(self.dataset, self.model, self.solution, self.project.study.seed,
+                                 self.project.saying(self))
         made = Diagnosis(self, found)
         if found.winner is not None and self.dataset.is_test.any():
             found.winner.held_out_error = self.add(made.candidates[found.winner.key]).held_out_error

@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from ..core.early import tell_early
+
 Say = Callable[[str], None]
 """Called with a sentence before each stage of long work."""
 
@@ -53,6 +55,34 @@ def silent(text: str) -> None:
     ----------
     text : str
     """
+
+
+class Continued:
+    """Passes on what long work says, but for its first partial answer, where that was given before.
+
+    Parameters
+    ----------
+    say : callable
+    given : bool
+        Whether it was.
+    """
+
+    def __init__(self, say: Say, given: bool) -> None:
+        self.say, self.given = say, given
+
+    def __call__(self, text: str) -> None:
+        self.say(text)
+
+    def early(self, text: str) -> None:
+        """Pass a partial answer on.
+
+        Parameters
+        ----------
+        text : str
+        """
+        if not self.given:
+            tell_early(self.say, text)
+        self.given = False
 
 
 def finish(say: Say) -> None:

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 import pandas as pd
 
 from ..compile import shared_library
+from ..core.early import tell_early
 from ..core.errors import StudyError
 from ..data.checks import check
 from ..data.dataset import Dataset
@@ -30,7 +31,7 @@ from .checked import Check
 from .diagnosed import Diagnosis
 from .fitted import Comparison, Fitted
 from .planned import Plan
-from .progress import Say, finish, usual
+from .progress import Continued, Say, finish, usual
 from .searched import Search
 from .shown import Shown
 
@@ -244,6 +245,46 @@ class Project(Shown):
         finish(self.say)
         return made
 
+    def first_look(self) -> list[str]:
+        """What the fitted model's error says at first sight, told at once to whoever hears partial answers.
+
+        A second or two for 40,000 samples, before the check of the data and before any test; it decides nothing.
+
+        Returns
+        -------
+        list of str
+            As of `Fitted.first_look`.
+
+        Raises
+        ------
+        PycosimError
+            A log cannot be used.
+        """
+        return self._first_look
+
+    @cached_property
+    def _first_look(self) -> list[str]:
+        fitted = self.fit()
+        self.say("looking at the error")
+        made = fitted.first_look
+        tell_early(self.say, " ".join(made))
+        finish(self.say)
+        return made
+
+    def saying(self, fitted: Fitted | None = None) -> Continued:
+        """What a diagnosis says its stages to: a first look that was told is not told again.
+
+        Parameters
+        ----------
+        fitted : Fitted, optional
+            What is diagnosed; the project's own fit by default.
+
+        Returns
+        -------
+        callable
+        """
+        return Continued(self.say, "_first_look" in self.__dict__ and fitted in (None, self._fitted))
+
     def as_given(self) -> Fitted:
         """The model with the study's own values, nothing fitted.
 
@@ -295,7 +336,7 @@ class Project(Shown):
         self.check().refuse()
         dataset = self.dataset
         self.study.refuse_own("improve")
-        made = Search(self, search.improve(dataset, self.model, self.study.seed, self.say))
+        made = Search(self, search.improve(dataset, self.model, self.study.seed, self.saying()))
         finish(self.say)
         return made
 

@@ -9,9 +9,12 @@ import numpy as np
 from ..compile import Place, component_name, find_effect
 from ..compile.effects import annotation
 from ..diagnosis.compare import worded
+from ..diagnosis.first_look import WORTH
 from ..diagnosis.remainder import HELD_OUT
 from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
+
+LIKELIEST = 3  # effects that a first look names
 
 # --- sentences ------------------------------------------------------------------------------------------------------
 
@@ -288,6 +291,35 @@ def note(p):
     if p["at_bound"]:
         notes.append(f"at its {'lower' if p['at_bound'] == 'min' else 'upper'} bound")
     return "; ".join(notes)
+
+
+def summary_first_look(error, floor, told, likely, units):
+    """A first look at a fitted model, before any test.
+
+    Parameters
+    ----------
+    error, floor : dict of str to float
+        Of each channel: RMSE, and the least that a model of this kind could reach; NaN where that is not known.
+    told : Dependence
+        What the residual depends on.
+    likely : list of Likely
+        Effects that would take most off the error, most first.
+    units : dict of str to str
+
+    Returns
+    -------
+    list of str
+    """
+    sizes = [f"{c} errs by {number(v)}{_unit(units[c])}"
+             + (f", {v / floor[c]:.1f} times its noise floor" if floor[c] > 0 else "") for c, v in error.items()]
+    lines = [f"First look, before any check or test: {'; '.join(sizes)}."]
+    if told.sure:
+        most = told.variables[0]
+        lines.append(f"The error depends most on {worded(most['variable'])} ({100 * most['strength']:.0f} %).")
+    names = [f"{f.effect.replace('_', ' ')} at {f.place} ({100 * f.share:.0f} %)" for f in likely[:LIKELIEST]]
+    return [*lines, f"Likeliest so far, by the share of the error's energy that each alone would take: "
+                    f"{', '.join(names)}; provisional." if names
+            else f"No effect alone would take {100 * WORTH:g} % of the error's energy."]
 
 
 def summary_diagnosis(result, library=None, final=False):

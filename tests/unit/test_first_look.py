@@ -3,6 +3,7 @@
 import io
 import sys
 
+import pandas as pd
 import pytest
 
 from pycosim.app.jobs import Job
@@ -12,6 +13,8 @@ from pycosim.core.early import tell_early
 from pycosim.diagnosis import decide
 from pycosim.diagnosis.first_look import first_look, told
 from pycosim.diagnosis.table import Table
+from pycosim.project import open_project
+from pycosim.project.progress import Continued
 
 
 def test_it_names_the_hidden_effect_first_and_nothing_once_that_is_in(searched):
@@ -72,3 +75,43 @@ def test_the_app_s_job_keeps_it_and_a_terminal_has_it_on_a_line_of_its_own(tmp_p
     monkeypatch.setattr("sys.stderr", io.StringIO())
     Progress(False).early("piped")
     assert sys.stderr.getvalue() == ""
+
+
+class Stages:
+    """What long work says, in order; partial answers marked."""
+
+    def __init__(self):
+        self.heard = []
+
+    def __call__(self, text):
+        self.heard.append(text)
+
+    def early(self, text):
+        self.heard.append(f"early: {text}")
+
+
+def test_a_project_tells_it_before_the_check_and_a_diagnosis_of_the_same_fit_does_not_again(hidden):
+    say = Stages()
+    project = open_project(hidden / "study.toml", progress=say)
+    lines = project.first_look()
+    project.check()
+    told = [k for k, text in enumerate(say.heard) if text.startswith("early: ")]
+    assert len(told) == 1 and told[0] < say.heard.index("checking the logs")
+    size, depends, likely = lines
+    error, floor = project.fit().solution.error["C_H"], project.fit().diagnose().found.noise_floor["C_H"]
+    assert f"C_H errs by {error:.3g} N.m, {error / floor:.1f} times its noise floor" in size
+    assert "speed of 2A" in depends and "stribeck at 2A (" in likely and likely.endswith("provisional.")
+    assert project.first_look() is lines and sum(text.startswith("early: ") for text in say.heard) == 1
+    again = Continued(say, False)
+    again.early("of another model")
+    assert say.heard[-1] == "early: of another model"
+
+
+def test_the_app_keeps_it_but_not_of_a_log_that_is_mixed_up(hidden, tmp_path):
+    bench, job = Workbench(tmp_path), Job("open")
+    bench.open(hidden / "study.toml", progress=job)
+    assert " ".join(bench.first) == job.known[0]
+    mixed = tmp_path / "mixed.csv"
+    pd.read_csv(hidden / "run.csv").assign(tau1=lambda f: -f["tau1"]).to_csv(mixed, index=False)
+    bench.open(hidden / "study.toml", [mixed])
+    assert bench.first == [] and any("tau1" in line for line in bench.told)
