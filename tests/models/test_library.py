@@ -1,11 +1,12 @@
 """Every class of the library compiles, in two compilers, and describes itself; an effect at neutral changes nothing."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pycosim.compile import catalogue, component_name, places
+from pycosim.compile import Model, catalogue, component_name, parse, places
 from pycosim.compile.parse import LIBRARY
 from pycosim.dynamics.simulate import dynamics, estimate
 
@@ -26,6 +27,26 @@ def test_rig_answers_every_question_its_annotation_offers(model, name):
             assert set(wanted) <= set(answer.outputs)
             assert {n for n in answer.inputs if not n.startswith("der(")} <= set(known) | {"time"}
     assert set(dynamics(rig).algebraic).isdisjoint(dynamics(rig).states)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_effects_put_into_the_rig_s_own_class_are_the_model_that_extends_it(library, name, monkeypatch):
+    """What `parse._merged` saves changes neither equations nor their order."""
+    rig = f"DriveTrain.{name}"
+    fitting = [(e, places(library, rig, e)) for e in catalogue(library).values()]
+    attached = [(e.id, p[-1].name) for e, p in fitting if p]
+    attached = list(dict.fromkeys(attached[::5] + [a for a in attached if "+" in a[1]][:3]))
+    short = Model(library, rig, attached, probes=True).flat
+    asked = []
+    monkeypatch.setattr(parse, "_merged", lambda tree, name: asked.append(name))
+    long = library.flatten("Improved", Model(library, rig, attached, probes=True).text)
+    assert asked == ["Improved"] and len(long.equations) > 40
+    for flat in (short, long):  # as texts: expressions have no equality
+        flat.equations, flat.symbols = [str(e) for e in flat.equations], list(flat.symbols)
+        flat.bindings = {n: str(e) for n, e in flat.bindings.items()}
+        flat.parameters, flat.variables = ({n: replace(v, unit="") for n, v in known.items()}  # of rad or of m
+                                           for known in (flat.parameters, flat.variables))
+    assert short == long and list(short.parameters) == list(long.parameters)
 
 
 @pytest.mark.parametrize("name", RIGS)
