@@ -13,7 +13,8 @@ from collections import deque
 from pathlib import Path
 from threading import Thread
 
-from ..compile import compile_model, component_name, shared_library
+from ..compile import compile_model, component_name, places, ranked, shared_library
+from ..compile.contribution import effect_question
 from ..core.executors import executor
 from ..cosim.master import cosimulate
 from ..project import open_project
@@ -148,32 +149,32 @@ def run(out, quiet=False, progress=None):
     began, out = clock.monotonic(), Path(out)
     say = (lambda *lines: None) if quiet else _say
     progress = progress or (lambda text: None)
-    with Folder(out, "demo", writes=FILES) as folder, Drawing() as drawing:
+    with Folder(out, "demo", writes=FILES) as folder, Beside() as beside:
         library = shared_library()
         progress("making a log")
-        _make(library, folder, progress=progress)
+        _make(library, folder, progress=progress, meanwhile=beside.compile)
         say("1. A log of a hip-knee actuation under position control: six manoeuvres out and back, five speeds, twice.",
             "   The machine has an effect that its model lacks.", "")
         project = open_project(folder.file("study.toml"), progress=progress)
         compared = project.compare()
         say("2. The base model, fitted, against the log.", *_indent(compared.sentences), "")
         found = project.improve()
-        figures.write_figures(folder.temporary, project.dataset, found.found, drawing.save)
-        drawing.begin()
+        figures.write_figures(folder.temporary, project.dataset, found.found, beside.save)
+        beside.begin()
         for name, content in {**found.files(), "comparison.json": compared.record}.items():
             folder.write(name, content)
         found.save(folder.file("improved.toml"))
         _tell(found, say)
         progress("drawing")
         found.report(folder.file("report.html"))
-        drawing.finish()
+        beside.finish()
     say(f"Took {clock.monotonic() - began:.0f} s. Everything is in {out}: {folder.listed}.",
         f"The same on the log alone: pycosim improve {out / 'study.toml'}")
     return found
 
 
-class Drawing:
-    """Figures drawn by a process of their own, where there is a second core for it, and at the end by this one as well.
+class Beside:
+    """A process beside this one, where there is a second core for it: compiles ahead, draws figures.
 
     Attributes
     ----------
@@ -187,12 +188,22 @@ class Drawing:
 
     def __enter__(self):
         self.pool = self._where.__enter__()
-        self.pool.submit(figures.save, None, None, "")  # what it needs is imported by the time that it is needed
+        self.compile(None)  # what it needs is imported by the time that it is needed
         return self
 
     def __exit__(self, *error):
         self._waiting.clear()
         return self._where.__exit__(*error)
+
+    def compile(self, rig):
+        """Have compiled what the diagnosis of a rig will ask for; found in the cache on disk, or compiled then.
+
+        Parameters
+        ----------
+        rig : str or None
+        """
+        if self._two:
+            self.pool.submit(_compile, rig)
 
     def save(self, *plot):
         """Have a plot drawn.
@@ -226,6 +237,15 @@ class Drawing:
             figures.save(*plot)
 
 
+def _compile(rig):
+    library = shared_library()
+    for probes in (False, True) if rig else ():
+        compile_model(library, rig, (), probes).question("estimate")
+    for effect in ranked(library) if rig else ():
+        if places(library, rig, effect):
+            effect_question(library, effect)
+
+
 def _taken(waiting):
     """What waits, taken out one by one, also where others take too."""
     while True:
@@ -246,10 +266,11 @@ def _say(*lines):
 # --- the log --------------------------------------------------------------------------------------------------------
 
 
-def _make(library, folder, seed=2, progress=None, **options):
+def _make(library, folder, seed=2, progress=None, meanwhile=lambda rig: None, **options):
     """Machine, scenario, log, study, and what is hidden; options of the trajectory `six_manoeuvres`."""
     effect, place, coefficients = HIDDEN
     name = component_name(*compile_model(library, RIG, [(effect, place)]).attached[0])
+    meanwhile(RIG)  # by now the library is parsed
     parameters = {**MACHINE, **RIGID, **{f"{name}.{c}": v for c, v in coefficients.items()}}
     lines = [f'"{n}" = {{ value = {v:g} }}' for n, v in parameters.items()]
     folder.write("machine.toml", MACHINE_FILE.format(rig=RIG, parameters="\n".join(lines), effect=effect, place=place))

@@ -136,13 +136,13 @@ def test_figures_of_another_process_are_the_same_also_when_it_ends(dataset, impr
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     steps = [(s.model, s.fit) for s in improvement.steps]
     plots = [drawings.manoeuvres(dataset), *(drawings.first_maps(dataset, *step)[0] for step in steps)]
-    with demo.Drawing() as drawing:
+    with demo.Beside() as beside:
         for k, plot in enumerate(plots):
-            drawing.save(plot, tmp_path / "there", f"plot{k}")
-        for process in [*drawing.pool._processes.values()] if ends else ():
+            beside.save(plot, tmp_path / "there", f"plot{k}")
+        for process in [*beside.pool._processes.values()] if ends else ():
             process.kill()
-        drawing.begin()
-        drawing.finish()
+        beside.begin()
+        beside.finish()
     for k, plot in enumerate(plots):
         figures.save(plot, tmp_path / "here", f"plot{k}")
     here, there = ({p.name: p.read_bytes() for p in (tmp_path / w).iterdir()} for w in ("here", "there"))
