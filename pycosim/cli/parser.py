@@ -7,6 +7,7 @@ import os
 
 from .. import __version__
 from ..core.errors import PycosimError, closest
+from ..design.goals import GOALS, goal_named
 
 # verb: (what it does, main file, example, more)
 VERBS = {
@@ -198,8 +199,7 @@ def _new_options(sub):
 
 
 def _plan_options(sub):
-    sub.add_argument("--goal", choices=("parameters", "alternatives", "detect", "twins"), default="parameters",
-                     metavar="{parameters,alternatives,detect}",
+    sub.add_argument("--goal", type=goal_named, choices=GOALS, default="parameters",
                      help="narrow intervals, separate what the diagnosis could not (alternatives; twins, as it was "
                           "called, is understood), or show what no data could (default: parameters)")
     sub.add_argument("--budget", type=float, default=120.0, metavar="SECONDS", help="longest duration (default: 120)")

@@ -12,6 +12,7 @@ from ..compile.effects import annotation
 from ..core.errors import ModelicaError, PlanError, closest
 from ..diagnosis.decide import diagnose, nudged
 from ..fit import least_squares
+from .goals import GOALS, goal_named
 from .information import Block, ChannelNoise, Node, StrokeInformation
 from .motion import assemble, ordered
 from .optimiser import DWELL, MEMORY, ROOM, TRAVEL, Asked, Design, Optimiser, asked, noise_of, prior_of
@@ -20,8 +21,6 @@ from .workspace import Workspace, kinematics, limits_of
 
 ASSUMED = 0.01  # noise over the range of a channel, where nothing was measured
 NOTHING = "nothing"  # the rival of an effect that is to be seen at all
-GOALS = "parameters", "alternatives", "detect"
-FORMER = {"twins": "alternatives"}  # goals under the names that they had
 ALIKE = 0.1  # squares of the noise below which rivals are one and the same
 SEPARATE = 10.8  # squares of the noise by which rivals must differ: the better one is the true one in 99.9 %
 PATIENCE = 40.0  # s that the optimiser may take: a minute with all the rest, for an experiment of minutes
@@ -374,7 +373,7 @@ def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, crite
     PlanError
         The limits leave no experiment, or nothing can be learnt.
     """
-    say, goal = progress or (lambda text: None), FORMER.get(goal, goal)
+    say, goal = progress or (lambda text: None), goal_named(goal)
     if goal not in GOALS:
         raise PlanError(f"no goal '{goal}'{closest(goal, GOALS)}; goals are {', '.join(GOALS)}")
     if not 0 < budget <= 1e5:

@@ -29,7 +29,7 @@ def _percent(certainty):
 
 
 def told(checked):
-    """What every verb says first; nothing for a sound log.
+    """What every verb says first, with the lines that mend it; nothing for a sound log.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ def told(checked):
     -------
     list of str
     """
-    found = [f for f in checked.findings if f.told]
-    return [f"Check: {sentence(f)}" for f in found]
+    return [line for f in checked.findings if f.told
+            for line in (f"Check: {sentence(f)}", *(f"    {mend}" for mend in f.mend.splitlines()))]
 
 
 def every(checked):

@@ -215,7 +215,8 @@ def test_every_other_verb_says_it_first(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     study(tmp_path, times(-1, *TAU)(sound()))
     assert main(["identify", "study.toml"]) == 0
-    assert capsys.readouterr().out.startswith("Check: Negate tau1 and tau2")
+    first, mend = capsys.readouterr().out.splitlines()[:2]
+    assert first.startswith("Check: Negate tau1 and tau2") and "sign = -1" in mend
 
 
 def test_a_column_may_be_read_late_with_another_clock_or_wrapped(tmp_path):

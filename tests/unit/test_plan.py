@@ -246,6 +246,7 @@ def test_bad_options_are_told_in_a_sentence(tmp_path, capsys):
     for argv, said in ((["--budget", "-3"], "--budget -3 s must be above zero"),
                        (["--rate", "1"], "--rate 1 Hz is outside"), (["--goal", "alternatives"], "are found in data"),
                        (["--goal", "twins"], "are found in data"),
+                       (["--goal", "twin"], "(choose from 'parameters', 'alternatives', 'detect')"),
                        (["--buget", "3"], "closest: '--budget'")):
         code, out = run(capsys, "plan", STUDY, *argv, "--out", tmp_path / "bad")
         assert code == 2 and said in out.err and out.err.count("\n") == 1
