@@ -305,6 +305,7 @@ class Page:
             told = records.diagnosis(bench.found, bench.dataset)
             for line in sentences.summary_diagnosis({**told, "undetectable": []}, bench.library, len(bench.steps) > 1):
                 ui.label(line)
+            self._guess()
             best = [f for f in bench.found.candidates if f.accepted][:1]
             alike = [(t["effect"], t["place"]) for f in best for t in f.twins]
             self.drive_train(bench.step.model, **schematic.marked(bench.step.model, [f.key for f in best], alike))
@@ -313,8 +314,27 @@ class Page:
             with ui.expansion("What these data cannot show").classes("w-full"):
                 for line in sentences.summary_undetectable(told["undetectable"]):
                     ui.label(line)
+        self._own()
         dataset, steps = bench.dataset, bench.steps
         self.later(lambda: drawings.ladder(dataset, steps, noise_floor(dataset, steps[-1].model, steps[-1].fit)))
+
+    def _guess(self):
+        """The guess of a shape, as a file, and a way to try it."""
+        text = self.bench.diagnosed.guess
+        if text:
+            with ui.expansion(f"The guess, as a Modelica file: {self.bench.guess}").classes("w-full"):
+                ui.label(text).classes("font-mono text-sm").style("white-space: pre-wrap")
+            ui.button("Try the guess as an effect", on_click=lambda: self._name(self.bench.guess))
+
+    def _own(self):
+        """An effect of the user's own, one file."""
+        with ui.row().classes("items-end w-full"):
+            path = ui.input("Effect of your own: a Modelica file on this machine").classes("grow")
+            ui.button("Use effect file", on_click=lambda: self._name(path.value))
+        self.notice("own")
+
+    def _name(self, path):
+        self.session.start("own", self.bench.own, path, after=("steps", "diagnosis"))
 
     def _card(self, told, finding, drawn):
         effect, place = told["effect"], told["place"]

@@ -18,7 +18,7 @@ from .jobs import Cancelled, Job
 
 FIT = ("reading the logs", "fitting", "looking at the error", "checking the logs", "computing errors")
 TEST = ("testing every candidate", "refitting with", "looking at what is left")
-STAGES = {"open": FIT, "log": FIT, "map": FIT, "diagnose": TEST, "add": ("fitting", "computing errors"),
+STAGES = {"open": FIT, "log": FIT, "map": FIT, "own": FIT, "diagnose": TEST, "add": ("fitting", "computing errors"),
           "search": (*TEST[:1], "adding", "writing the report"), "export": ("building the FMU",),
           "plan": ("setting the experiment up", "optimising the experiment", "predicting the intervals")}
 """How the sentences begin that a piece of work says, in order."""

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..compile import Library
+from ..compile import Library, catalogue, places
 from ..core.early import tell_early
 from ..core.errors import PycosimError, StudyError
 from ..project import open_project
@@ -194,7 +194,37 @@ class Workbench:
         fitted, self._say.listener = self.fitted, progress
         found = fitted.diagnose()
         if self.fitted is fitted:
+            if found.guess:
+                self.make()
+                self.guess.write_text(found.guess, encoding="utf-8")
             self.diagnosed = replace(found, final=len(self.fits) > 1)
+
+    @property
+    def guess(self):
+        """File of the shape that a diagnosis guesses where no effect explains what is left."""
+        return self.folder / "guess.mo"
+
+    def own(self, path, progress=None):
+        """Name an effect of one's own in the study, beside those of the library; what was added before stays in.
+
+        Parameters
+        ----------
+        path : path
+            Modelica file of one effect.
+        progress : callable, optional
+
+        Raises
+        ------
+        PycosimError
+            The file is no effect; what was there before stays.
+        """
+        if not str(path).strip():
+            raise Given("no file is named; give the path of a Modelica file with one effect")
+        study = self.fitted.study if len(self.fits) > 1 else self.fitted.project.study
+        file = Path(path).expanduser().absolute()
+        others = [f for f in study.modelica if f != file]
+        _compiled(study, file, others)
+        self._take(replace(study, modelica=[*others, file]), None, progress)
 
     def add(self, effect, place, progress=None):
         """Refit with one more effect.
@@ -375,3 +405,15 @@ class Workbench:
         made = self.fitted.export(self.folder / "fmu", "fmu", fmi)
         self._say("done")
         return self.folder / "fmu" / next(f for f in made.files if f.endswith(".fmu"))
+
+
+def _compiled(study, file, others):
+    """Refuse a file whose effects cannot be compiled where they sit; a diagnosis would leave them out."""
+    library, known = Library([*others, file]), catalogue(Library(others))
+    new = [effect for name, effect in catalogue(library).items() if name not in known]
+    if not new:
+        raise Given(f"{file}: holds no effect; 'extends DriveTrain.Interfaces.SegmentEffect(...)' makes one")
+    for effect in new:
+        library.flatten(effect.model)
+        if not places(library, study.rig, effect):
+            raise Given(f"{file}: {effect.id} can sit nowhere in {study.rig}; another interface sits elsewhere")

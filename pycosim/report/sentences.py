@@ -15,6 +15,7 @@ from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
 
 LIKELIEST = 3  # effects that a first look names
+MOST = 0.5  # of the energy of what is left: the larger part
 
 # --- sentences ------------------------------------------------------------------------------------------------------
 
@@ -418,12 +419,17 @@ def _names(pairs):
     return [f"{p['effect']} at {p['place']}" for p in pairs]
 
 
+def _repeats(own):
+    """Whether most of what is left of a channel follows a variable on passes that it was not fitted to."""
+    return any(d["strength"] > MOST for d in own["depends_on"] if d["variable"] != "time")
+
+
 def _unexplained(result, library, final):
     depends = [f"{d['variable']} ({number(d['strength'])})" for d in result["residual_depends_on"][:3]
                if d["strength"] > 0]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
     line += f"; what is left depends most on {joined(depends)}." if depends else "."
-    slow = [c for c, own in result["channels"].items() if own.get("slow")]
+    slow = [c for c, own in result["channels"].items() if own.get("slow") and not _repeats(own)]
     if slow:
         line += (f" Most of what is left of {joined(slow)} is slower than noise and does not repeat: a reference that "
                  "drifts, or a loss that changes with time.")

@@ -1,7 +1,9 @@
 """Claims about whole walks in the app, as a new user goes them: a wiring mistake is mended, rivals are told apart by a
-planned experiment, and a verdict ends as an FMU that a controller moves."""
+planned experiment, what nothing explains ends as an effect of one's own, and a verdict as an FMU that a controller
+moves."""
 
 import importlib.util
+import re
 import shutil
 from pathlib import Path
 
@@ -9,6 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from test_app_page import LONG, charted, tab
+
+from pycosim.study.parse import load_study
 
 BARRIER = Path(__file__).parents[2] / "examples" / "barrier"
 
@@ -84,6 +88,48 @@ def test_a_wiring_mistake_is_mended_where_the_columns_were_mapped(app, page, stu
     page.get_by_role("button", name="Use these columns").click()
     told.first.wait_for(state="detached", timeout=LONG)
     charted(page)
+
+
+@pytest.fixture
+def rubbing(barrier):
+    """The same study with a log of an effect that the library lacks."""
+    log = example("make_log").record(np.random.default_rng(1), "unknown")
+    log.to_csv(barrier / "monday.csv", index=False, float_format="%.7g")
+    return barrier
+
+
+def test_what_no_effect_explains_ends_as_an_effect_file_of_the_user_s_own(app, page, rubbing):
+    address, folder = app(rubbing / "study.toml")
+    page.goto(address)
+    tab(page, "Effects")
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_text("Something is missing that no effect of the library explains").wait_for(timeout=3 * LONG)
+    before = float(re.search(r"C ([\d.]+)", page.locator("[data-held-out]").inner_text()).group(1))
+    page.get_by_text("A guess: 0.11 N.m more friction at worm, as a hump").wait_for()
+    assert page.get_by_text("slower than noise and does not repeat").count() == 0  # it follows an angle, pass by pass
+    page.get_by_text("The guess, as a Modelica file").click()
+    page.get_by_text('model Guess "Friction of a shape guessed').wait_for()
+    assert "extends DriveTrain.Interfaces.SegmentEffect" in (folder / "guess.mo").read_text()
+    (rubbing / "Rub.mo").write_text((BARRIER / "Rub.mo").read_text().replace("(q - at)", "(q - att)"))
+    path = page.get_by_label("Effect of your own: a Modelica file on this machine")
+    path.fill(str(rubbing / "Rub.mo"))
+    page.get_by_role("button", name="Use effect file").click()
+    page.get_by_role("alert").filter(has_text="att").wait_for(timeout=LONG)  # a slip is told where the file was named
+    shutil.copy(BARRIER / "Rub.mo", rubbing)
+    page.get_by_role("button", name="Use effect file").click()
+    page.get_by_text("Something is missing that no effect").wait_for(state="detached", timeout=LONG)
+    tab(page, "Effects")
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_text("Missing: rub at worm").wait_for(timeout=3 * LONG)
+    page.get_by_role("button", name="Add rub at worm", exact=True).click()
+    page.get_by_text("study: + rub at worm").wait_for(timeout=LONG)
+    after = float(re.search(r"C ([\d.]+)", page.locator("[data-held-out]").inner_text()).group(1))
+    assert after < 0.3 * before
+    tab(page, "Export")
+    page.get_by_role("button", name="Save study").click()
+    page.get_by_text("Saved: ").wait_for(timeout=LONG)
+    saved = load_study(folder / "study.toml")
+    assert saved.effects == [("rub", "worm")] and rubbing / "Rub.mo" in saved.modelica
 
 
 def test_a_verdict_becomes_an_fmu_that_a_controller_moves_better_than_before(app, page, barrier, tmp_path):

@@ -17,6 +17,14 @@ from pycosim.report.folder import Folder
 from pycosim.study.parse import load_study
 
 
+DRAG = """model QuadraticDrag "Friction that grows with the square of the speed"
+  extends DriveTrain.Interfaces.SegmentEffect(dF=k * friction.w^2);
+  parameter Real k(unit="N.m.s2/rad2", min=0, max=1, nominal=1e-3) = 0 "Drag coefficient";
+  annotation(__pycosim(size="k", needs="speeds", experiment="repeat the passes at three or more speeds"));
+end QuadraticDrag;
+"""
+
+
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     folder = tmp_path_factory.mktemp("app") / "hidden"
@@ -60,6 +68,26 @@ def test_the_given_study_is_never_written_over(study):
     bench.open(study)
     with pytest.raises(Given, match="never changed"):
         bench.save()
+
+
+def test_an_effect_of_one_s_own_joins_the_candidates_and_a_slip_in_it_is_told(study, tmp_path):
+    bench = Workbench(tmp_path / "app")
+    bench.open(study)
+    bench.add("stribeck", "2A")
+    error, own = bench.step.error, tmp_path / "drag.mo"
+    for path, text, told in (("", None, "no file is named"), (tmp_path / "none.mo", None, "none.mo"),
+                             (own, DRAG.replace("friction.w^2", "sped^2"), "'QuadraticDrag' does not compile: 'sped'")):
+        if text:
+            own.write_text(text)
+        with pytest.raises(PycosimError, match=told):
+            bench.own(path)
+        assert len(bench.steps) == 2 and bench.study.modelica == []
+    own.write_text(DRAG)
+    bench.own(own)
+    assert bench.step.error == pytest.approx(error, rel=1e-3)  # what was added stays
+    bench.add("quadratic_drag", "1A")
+    saved = load_study(bench.save())
+    assert saved.modelica == [own] and saved.effects == [("stribeck", "2A"), ("quadratic_drag", "1A")]
 
 
 def test_work_that_fails_leaves_what_was_there(study, tmp_path):
