@@ -315,9 +315,36 @@ def gap(before, after, h, speeds):
     float or ndarray
         The largest over all angles [rad], or displacements [m].
     """
-    pairs = [(i, j) for i, j in enumerate(speeds) if j is not None]
-    missed = [abs(after[i] - before[i] - h * (before[j] + after[j]) / 2) for i, j in pairs]
-    return np.max(missed, axis=0) if missed else np.zeros(np.shape(h))
+    missed = np.abs(_missed(before, after, h, speeds))
+    return np.max(missed, axis=0) if len(missed) else np.zeros(np.shape(h))
+
+
+def _missed(before, after, h, speeds):
+    return [after[i] - before[i] - h * (before[j] + after[j]) / 2 for i, j in enumerate(speeds) if j is not None]
+
+
+def watched(step, speeds):
+    """A rig's step that also says how far it may be believed.
+
+    Parameters
+    ----------
+    step : casadi.Function
+        Of `pycosim.dynamics.simulate.Dynamics`.
+    speeds : list of int or None
+
+    Returns
+    -------
+    casadi.Function
+        As the step; its third result is the larger of ``error`` and of `gap` in units of `GAP`, infinite where one of
+        the states is no finite number: the step is good up to 1.
+    """
+    given = step.mx_in()
+    after, z, error = step.call(given)
+    symbols = ca.SX.sym("before", after.numel()), ca.SX.sym("after", after.numel()), ca.SX.sym("h")
+    largest = ca.mmax(ca.fabs(ca.vertcat(0, *_missed(*symbols, speeds))))
+    gap = ca.Function("gap", symbols, [largest])(given[0], after, given[-1])
+    good = ca.if_else(ca.fabs(error) + ca.norm_1(after) < ca.inf, ca.fmax(error, gap / GAP), ca.inf)
+    return ca.Function("watched", given, [after, z, good], step.name_in(), step.name_out())
 
 
 def in_parts(d, x, z, u0, u1, q, t, h, halvings=HALVINGS):

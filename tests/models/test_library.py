@@ -9,6 +9,7 @@ import pytest
 from pycosim.compile import Model, catalogue, component_name, parse, places
 from pycosim.compile.parse import LIBRARY
 from pycosim.dynamics.simulate import dynamics, estimate
+from pycosim.dynamics.stepping import GAP, gap, watched
 
 ROOT = LIBRARY / "DriveTrain"
 
@@ -47,6 +48,18 @@ def test_effects_put_into_the_rig_s_own_class_are_the_model_that_extends_it(libr
         flat.parameters, flat.variables = ({n: replace(v, unit="") for n, v in known.items()}  # of rad or of m
                                            for known in (flat.parameters, flat.variables))
     assert short == long and list(short.parameters) == list(long.parameters)
+
+
+def test_a_watched_step_tells_what_its_gap_and_its_error_tell(model):
+    d, rng = dynamics(model("Rigs.HipKnee")), np.random.default_rng(1)
+    step, q = watched(d.step, d.speeds), d.prepare([v.value for v in model("Rigs.HipKnee").parameters.values()])
+    for h in (1e-3, 0.3):
+        x, u = rng.normal(0, 0.3, len(d.states)), rng.normal(0, 2, len(d.inputs))
+        plain, seen = ([np.ravel(v) for v in f(x, np.zeros(len(d.algebraic)), u, u, q, 0, h)] for f in (d.step, step))
+        assert (plain[0] == seen[0]).all() and (plain[1] == seen[1]).all()
+        assert seen[2][0] == pytest.approx(max(plain[2][0], gap(x, plain[0], h, d.speeds) / GAP), rel=1e-12)
+        assert (seen[2][0] > 1) == (h > 0.1)
+        assert not step(x, np.zeros(len(d.algebraic)), u, np.nan * u, q, 0, h)[2] <= 1
 
 
 @pytest.mark.parametrize("name", RIGS)
