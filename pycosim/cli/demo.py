@@ -10,6 +10,8 @@ import os
 import sys
 import time as clock
 from collections import deque
+from concurrent.futures import BrokenExecutor
+from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 
@@ -149,8 +151,8 @@ def run(out, quiet=False, progress=None):
     began, out = clock.monotonic(), Path(out)
     say = (lambda *lines: None) if quiet else _say
     progress = progress or (lambda text: None)
-    with Folder(out, "demo", writes=FILES) as folder, Beside() as beside:
-        library = shared_library()
+    library = shared_library()
+    with Folder(out, "demo", writes=FILES) as folder, Beside(library) as beside:
         progress("making a log")
         _make(library, folder, progress=progress, meanwhile=beside.compile)
         say("1. A log of a hip-knee actuation under position control: six manoeuvres out and back, five speeds, twice.",
@@ -176,34 +178,57 @@ def run(out, quiet=False, progress=None):
 class Beside:
     """A process beside this one, where there is a second core for it: compiles ahead, draws figures.
 
+    Parameters
+    ----------
+    library : Library
+        Tells what it will compile next.
+
     Attributes
     ----------
     pool : concurrent.futures.Executor
     """
 
-    def __init__(self):
+    def __init__(self, library):
+        self._library, self._usual = library, library.ahead
         self._two = (os.cpu_count() or 1) > 1
         self._where = executor("processes" if self._two else "serial", 1)
         self._waiting, self._failed, self._feeder = deque(), [], Thread(target=self._feed, daemon=True)
 
     def __enter__(self):
-        self.pool = self._where.__enter__()
-        self.compile(None)  # what it needs is imported by the time that it is needed
+        self.pool, self._library.ahead = self._where.__enter__(), self.ahead
+        self.compile()  # what it needs is imported by the time that it is needed
         return self
 
     def __exit__(self, *error):
         self._waiting.clear()
+        self._library.ahead = self._usual
         return self._where.__exit__(*error)
 
-    def compile(self, rig):
+    def compile(self, rig=None):
         """Have compiled what the diagnosis of a rig will ask for; found in the cache on disk, or compiled then.
 
         Parameters
         ----------
-        rig : str or None
+        rig : str, optional
         """
-        if self._two:
-            self.pool.submit(_compile, rig)
+        self._submit(_compile, rig)
+
+    def ahead(self, rig, attached):
+        """Have models compiled, the last first: this process begins with the first.
+
+        Parameters
+        ----------
+        rig : str
+        attached : list of list of (str, str)
+            Effects and places of each.
+        """
+        for effects in reversed(attached):
+            self._submit(_compile_model, rig, effects)
+
+    def _submit(self, function, *arguments):
+        with suppress(BrokenExecutor):  # then this process does it, when it comes there
+            if self._two:
+                self.pool.submit(function, *arguments)
 
     def save(self, *plot):
         """Have a plot drawn.
@@ -240,10 +265,15 @@ class Beside:
 def _compile(rig):
     library = shared_library()
     for probes in (False, True) if rig else ():
-        compile_model(library, rig, (), probes).question("estimate")
+        _compile_model(rig, (), probes)
     for effect in ranked(library) if rig else ():
         if places(library, rig, effect):
             effect_question(library, effect)
+
+
+def _compile_model(rig, attached, probes=False):
+    model = compile_model(shared_library(), rig, attached, probes)
+    return len(model.parameters), len(model.question("estimate").outputs)  # both are kept now
 
 
 def _taken(waiting):

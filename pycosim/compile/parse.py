@@ -78,6 +78,7 @@ class Library:
     def __init__(self, extra=()):
         self.files = sorted(LIBRARY.rglob("*.mo")) + [Path(p) for p in extra]
         self.text = {}
+        self.ahead = lambda rig, attached: None  # told what will be compiled next, where somebody can do so meanwhile
         self._memo = {}
         for path in self.files:
             try:

@@ -273,6 +273,7 @@ def _refit_best(dataset, model, fit, scores, findings, base, table, say):
                 yield f
 
     likely = [f for f in findings if f.p_value < 10 * LEVEL]
+    dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in likely[:REFITS]])
     fitted = list(refitted(likely[:REFITS]))
     if fitted:
         best = min(fitted, key=lambda f: f.selection.white.sum())

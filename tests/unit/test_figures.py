@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pycosim.cli import demo
-from pycosim.compile import Library
+from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis import compare
 from pycosim.diagnosis.dependence import noise_floor
@@ -136,7 +136,7 @@ def test_figures_of_another_process_are_the_same_also_when_it_ends(dataset, impr
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     steps = [(s.model, s.fit) for s in improvement.steps]
     plots = [drawings.manoeuvres(dataset), *(drawings.first_maps(dataset, *step)[0] for step in steps)]
-    with demo.Beside() as beside:
+    with demo.Beside(dataset.library) as beside:
         for k, plot in enumerate(plots):
             beside.save(plot, tmp_path / "there", f"plot{k}")
         for process in [*beside.pool._processes.values()] if ends else ():
@@ -147,6 +147,19 @@ def test_figures_of_another_process_are_the_same_also_when_it_ends(dataset, impr
         figures.save(plot, tmp_path / "here", f"plot{k}")
     here, there = ({p.name: p.read_bytes() for p in (tmp_path / w).iterdir()} for w in ("here", "there"))
     assert here == there and len(here) == 6
+
+
+def test_what_the_second_core_compiles_ahead_is_found_on_disk(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setenv("PYCOSIM_CACHE", str(tmp_path))
+    library, rig, attached = Library(), "DriveTrain.Rigs.GearedJoint", [("viscous", "gear")]
+    with demo.Beside(library) as beside:
+        library.ahead(rig, [attached])
+        beside.pool.submit(len, "").result()  # one process, one after the other
+    kept = {p.name for p in tmp_path.iterdir()}
+    compile_model(library, rig, attached).question("estimate")
+    assert {p.name for p in tmp_path.iterdir()} == kept and len(kept) > 2
+    library.ahead(rig, [attached])  # nobody listens any more
 
 
 def test_the_demo_tells_what_was_found_and_what_was_hidden(dataset, improvement):
