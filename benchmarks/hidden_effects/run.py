@@ -13,11 +13,12 @@ import argparse
 import json
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from pathlib import Path
 
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects import machine as rig
+from pycosim.core.executors import executor
 
 ROOT = Path(__file__).parents[2]
 STUDY = ROOT / "examples" / "hip_knee" / "study.toml"
@@ -159,6 +160,7 @@ def main():
     parser.add_argument("--kinds", nargs="*")
     parser.add_argument("--effects", nargs="*")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--on", default="processes", help="or serial, threads, dask://host:port")
     parser.add_argument("--out", type=Path, default=Path("hidden_effects.jsonl"))
     args = parser.parse_args()
     wanted = [c for c in cases.all_cases(args.share, args.first)
@@ -167,7 +169,7 @@ def main():
     known = [json.loads(line) for line in args.out.read_text().splitlines()] if args.out.exists() else []
     done = {(r["kind"], *r["effects"], r["seed"]) for r in known}
     wanted = sorted((c for c in wanted if (c.kind, *c.effects, c.seed) not in done), key=lambda c: c.seed)
-    with ProcessPoolExecutor(args.workers) as pool, args.out.open("a") as out:
+    with executor(args.on, args.workers) as pool, args.out.open("a") as out:
         for future in as_completed([pool.submit(run, c) for c in wanted]):
             out.write(json.dumps(future.result(), default=float) + "\n")
             out.flush()

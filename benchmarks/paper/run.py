@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.hidden_effects import machine as rig
+from pycosim.core.executors import executor
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 TRUTH = {f"s{s}.{p}": rig.PAPER[p][s] for s in ("1A", "2A", "1B", "2B") for p in ("f0", "mu")}
@@ -71,8 +71,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--on", default="processes", help="or serial, threads, dask://host:port")
     args = parser.parse_args()
-    with ProcessPoolExecutor(args.workers) as pool:
+    with executor(args.on, args.workers) as pool:
         rows = list(pool.map(case, range(args.seeds)))
     report(rows)
 

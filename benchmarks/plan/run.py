@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from benchmarks.hidden_effects import machine as rig
 from benchmarks.paper.run import STUDY, TRUTH, combination
+from pycosim.core.executors import executor
 
 REFERENCES = ("gravity_model", "unknown")
 
@@ -143,8 +143,9 @@ def main():
     parser.add_argument("--seed", type=int, default=1000, help="of the first log; the others count on")
     parser.add_argument("--references", nargs="+", choices=REFERENCES, default=REFERENCES)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--on", default="processes", help="or serial, threads, dask://host:port")
     args = parser.parse_args()
-    with ProcessPoolExecutor(args.workers) as pool:
+    with executor(args.on, args.workers) as pool:
         for reference in args.references if args.seeds else ():
             compared(reference, range(args.seed, args.seed + args.seeds + args.plans), args.plans, pool)
         if args.pairs:

@@ -95,10 +95,11 @@ def improve_one(study, folder, robust=False):
     """
     from .entry import run_verb
     from .parser import parse
+    from .progress import Progress
     start = time.monotonic()
     try:
         arguments = parse(["improve", study, "--out", folder, "--quiet", *(["--robust"] if robust else [])])
-        run_verb(arguments, lambda text: None)
+        run_verb(arguments, Progress(quiet=True))
     except PycosimError as error:
         return _failed(study, time.monotonic() - start, str(error))
     except Exception as error:  # a fault of ours is a row too: the other studies go on

@@ -34,7 +34,8 @@ def run_verb(arguments, progress):
     # many small matrices: a second thread of their library waits more than it works, and rounds otherwise
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     from . import verbs  # only now: help and refusals are quick
-    gc.freeze()  # what was imported stays; to look through it again and again for garbage takes seconds
+    if not gc.get_freeze_count():
+        gc.freeze()  # what was imported stays; to look through it again and again for garbage takes seconds
     start = time.monotonic()
     if arguments.verb == "new":
         from .new import new

@@ -54,6 +54,12 @@ def test_every_study_is_a_row_and_one_that_fails_too(studies, tmp_path, where):
     assert told[-1] == "3 of 3 studies done, 1 failed"
 
 
+def test_a_study_is_improved_as_the_verb_does(hidden, tmp_path):
+    row = batch.improve_one(str(hidden / "study.toml"), str(tmp_path / "out"))
+    assert (row["failure"], row["verdict"], row["added"]) == ("", "nothing_missing", "stribeck@2A")
+    assert (tmp_path / "out" / "report.html").exists()
+
+
 def test_what_was_done_is_not_done_again_unless_the_study_changed(studies, tmp_path):
     for _ in range(2):
         batch.improve_all(studies("one", "two"), tmp_path / "out")

@@ -1,0 +1,73 @@
+"""Time several studies, improved one after the other, against ``--on``: ``python -m benchmarks.speed.batch``.
+
+What was compiled is in the cache on disk on both sides; each study is a log of its own of the demo's machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from pathlib import Path
+
+
+def made(count, folder):
+    """Studies of logs with noise of their own.
+
+    Parameters
+    ----------
+    count : int
+    folder : Path
+
+    Returns
+    -------
+    list of Path
+    """
+    from pycosim.cli import demo
+    from pycosim.compile import shared_library
+    from pycosim.report.folder import Folder
+    found = []
+    for seed in range(count):
+        with Folder(folder / f"log{seed}", "demo") as one:
+            demo._make(shared_library(), one, seed=seed, speeds=(0.4, 1.6), longest=2.0)
+        found.append(one.path / "study.toml")
+    return found
+
+
+def plain(studies, folder):
+    """A loop over the verb."""
+    from pycosim.cli import main
+    for k, study in enumerate(studies):
+        if main(["improve", str(study), "--out", str(folder / f"plain{k}"), "--quiet"]):
+            raise SystemExit(f"{study} cannot be improved")
+
+
+def main():
+    """Print the times."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--studies", type=int, default=8)
+    parser.add_argument("--workers", type=int, default=2)
+    args = parser.parse_args()
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy, on every side
+    from pycosim.cli.batch import improve_all
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        studies = made(args.studies, folder)
+        plain(studies, folder / "warm")
+        begin, used = time.perf_counter(), time.process_time()
+        plain(studies, folder / "loop")
+        loop = time.perf_counter() - begin
+        print(f"a plain loop over {len(studies)} studies: {loop:.1f} s, {time.process_time() - used:.1f} s of a core")
+        for where, workers in (("serial", 1), ("processes", 1), ("processes", args.workers)):
+            begin, used = time.perf_counter(), time.process_time()
+            rows = improve_all(studies, folder / f"{where}{workers}", where, workers)
+            spent = time.perf_counter() - begin
+            if any(row["failure"] for row in rows):
+                raise SystemExit(f"failed: {rows}")
+            own = f", {time.process_time() - used:.1f} s of a core" if where == "serial" else ""
+            print(f"--on {where} --workers {workers}: {spent:.1f} s{own}, {workers * spent / loop - 1:+.1%} a worker")
+
+
+if __name__ == "__main__":
+    main()
