@@ -9,7 +9,6 @@ from nicegui import app, run, ui
 from ..compile import compile_model
 from ..diagnosis.compare import worded
 from ..diagnosis.dependence import noise_floor
-from ..fit.nullspace import number
 from ..report import charts, drawings, plan_figures, records, schematic, sentences
 from .session import Session
 from .wizard import Wizard
@@ -57,9 +56,10 @@ class Page:
         self.seen = session.changed.copy()
         self._header()
         with ui.column().classes("w-full max-w-screen-xl mx-auto p-4 items-stretch"):
-            self.stages = ui.label().classes("text-sm").props("data-stages")
-            self.known = ui.label().classes("font-bold").props("data-known role=status aria-live=polite").style(
-                "white-space: pre-line")
+            with ui.column().classes("gap-0"):  # no room of their own while nothing goes on
+                self.stages = ui.label().classes("text-sm").props("data-stages")
+                self.known = ui.label().classes("font-bold").props("data-known role=status aria-live=polite").style(
+                    "white-space: pre-line")
             self.summary()
             with ui.tabs().props('aria-label="Steps" mobile-arrows outside-arrows') as tabs:
                 names = [ui.tab(n) for n in ("Data", "Comparison", "Effects", "Parameters", "Plan", "Report", "Export")]
@@ -316,6 +316,8 @@ class Page:
                     ui.label(line)
         self._own()
         dataset, steps = bench.dataset, bench.steps
+        if len(steps) < 2:
+            return
         self.later(lambda: drawings.ladder(dataset, steps, noise_floor(dataset, steps[-1].model, steps[-1].fit)))
 
     def _guess(self):
@@ -354,8 +356,12 @@ class Page:
     def _lines(self, told):
         yield told["sentence"]
         change = sentences.change_text(self.bench.step.fit.error, told["predicted_error"], self.bench.dataset.units)
-        yield f"Error with it, predicted: {change}; p = {number(told['p_value'])} over everything that was tested."
-        if told.get("experiment"):
+        yield f"Error with it, predicted: {change}."
+        winner = told.get("explained_by")
+        if winner:
+            yield (f"Beside {winner['effect'].replace('_', ' ')} at {winner['place']}, which explains it, nothing is "
+                   "left for it to explain.")
+        elif told.get("experiment"):
             yield f"What would decide: {told['experiment']}."
 
     def _signature(self, finding):
@@ -373,8 +379,10 @@ class Page:
             ui.label("No data yet.")
             return
         fitted = self.bench.fitted
-        rows = [{"name": n, "value": f"{p.value:.4g}", "unit": p.unit, "description": p.description,
-                 "interval": f"{p.ci95[0]:.4g} to {p.ci95[1]:.4g}" if p.identifiable else "not determined by itself",
+        rows = [{"name": n, "value": sentences.finite(p.value), "unit": "" if p.unit == "1" else p.unit,
+                 "description": p.description,
+                 "interval": " to ".join(map(sentences.finite, p.ci95)) if p.identifiable
+                 else "not determined by itself",
                  "note": f"at its {p.at_bound}" if p.at_bound else ""} for n, p in fitted.params.items()]
         titles = {"name": "parameter", "value": "value", "interval": "95 % interval", "unit": "unit", "note": "note",
                   "description": "what it is"}

@@ -760,7 +760,7 @@ def intervals(parameters):
             low, x, high = np.array([rows[k]["scaled"] for k in at]).T
             marks.append(Line(x, np.array(at), look, name, reach=(low, high),
                               told=[f"{rows[k]['value']:.4g} {rows[k]['unit']}" for k in at]))
-    panel = Panel(Axis("value over the larger end of its interval"),
+    panel = Panel(Axis("share of the interval's larger end"),
                   Axis("parameter", names=[row["name"] for row in rows], falling=True), marks)
     return Plot("intervals", "Parameters and their intervals", "Each parameter with its 95 % interval, over the larger "
                 "end of the interval; a cross where it is at a bound or not determined by itself.", [[panel]],

@@ -39,9 +39,11 @@ def barrier(tmp_path):
 
 def diagnosed(page):
     """Diagnose, and wait for what it says."""
+    first = page.locator("[data-first]")
+    first.filter(has_text="First look, before any check or test: C errs by").wait_for(timeout=LONG)
+    first.filter(has_text="viscous asymmetry at worm").wait_for()
     tab(page, "Effects")
     page.get_by_role("button", name="Diagnose").click()
-    page.locator("[data-known]").filter(has_text="First look: the error is").wait_for(timeout=LONG)  # a partial answer
     page.get_by_text("Missing: viscous_asymmetry at worm").wait_for(timeout=3 * LONG)
 
 

@@ -49,7 +49,7 @@ def _all(dataset, improvement):
 
 # axes of names and of ratios: no unit
 NAMES = ("Manoeuvre", *(f"Branch of {place}" for place in ("1A", "2A", "1B", "2B")), "Run", "Model",
-         "Candidate", "Parameter", "Log", "Sign of the speed", "Value over the larger end of its interval")
+         "Candidate", "Parameter", "Log", "Sign of the speed", "Share of the interval's larger end")
 
 
 def test_every_axis_has_a_label_with_a_unit_where_there_is_one_and_every_figure_a_title(dataset, improvement):
