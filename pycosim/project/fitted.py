@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from .project import Project
 
 
-@dataclass(frozen=True)
-class Parameter:
+@dataclass(frozen=True, repr=False)
+class Parameter(Shown):
     """A fitted parameter.
 
     Attributes
@@ -61,6 +61,19 @@ class Parameter:
 
     def __float__(self) -> float:
         return self.value
+
+    def _headline(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.name} = {self.value:.4g}{unit}, 95 %: {self.ci95[0]:.4g} to {self.ci95[1]:.4g}{unit}"
+
+    def to_frame(self) -> Any:
+        """The parameter as a row of the table that `Parameters` gives.
+
+        Returns
+        -------
+        pandas.DataFrame
+        """
+        return Parameters({self.name: self}).to_frame()
 
 
 class Parameters(Mapping[str, Parameter], Shown):

@@ -16,7 +16,6 @@ from pycosim.core.errors import PycosimError
 from pycosim.report.folder import Folder
 from pycosim.study.parse import load_study
 
-
 DRAG = """model QuadraticDrag "Friction that grows with the square of the speed"
   extends DriveTrain.Interfaces.SegmentEffect(dF=k * friction.w^2);
   parameter Real k(unit="N.m.s2/rad2", min=0, max=1, nominal=1e-3) = 0 "Drag coefficient";

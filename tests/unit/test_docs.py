@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -153,6 +154,22 @@ def test_the_new_effect_of_contributing_is_found(tmp_path):
     path.write_text(code)
     effect = catalogue(Library([path]))["quadratic_drag"]
     assert effect.size == ("k",) and "square" in effect.description
+
+
+def test_the_house_of_contributing_is_the_one_that_the_imports_are_held_to():
+    told = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]["layers"]
+    drawn = re.findall(r"^    ([a-z]+(?: \| [a-z]+)*)  +\S", (ROOT / "CONTRIBUTING.md").read_text(), re.M)
+    assert drawn == [layer.replace("pycosim.", "") for layer in told]
+    rooms = {p.name for p in (ROOT / "pycosim").iterdir() if (p / "__init__.py").exists()}
+    assert rooms == {room for layer in drawn for room in layer.split(" | ")}
+
+
+def test_the_places_that_contributing_names_exist():
+    table = (ROOT / "CONTRIBUTING.md").read_text().split("| you bring |")[1].split("\n\n")[0]
+    named = re.findall(r"`([a-z_]+(?:/[a-z_]+)*(?:\.py)?)`", table)
+    assert len(named) > 20
+    for name in named:
+        assert any((folder / name).exists() for folder in (ROOT, ROOT / "pycosim")) or name == "__init__", name
 
 
 def test_the_licence_is_whole():

@@ -173,8 +173,8 @@ def test_plots_give_axes_to_go_on_with(project, search):
 
 def test_every_object_shows_in_a_line_and_as_a_table(project, search):
     fit, found = project.fit(), project.diagnose()
-    for thing in (project, fit, fit.params, fit.compare(), found, found.best, found.candidates, search,
-                  search.steps[1]):
+    for thing in (project, project.check(), fit, fit.params, fit.params["s1A.f0"], fit.compare(), found, found.best,
+                  found.candidates, search, search.steps[1]):
         text = repr(thing)
         assert "\n" not in text and text.startswith(f"<{type(thing).__name__}: ") and len(text) < 400
         assert "<table" in thing._repr_html_() and isinstance(thing.to_frame(), pd.DataFrame)
