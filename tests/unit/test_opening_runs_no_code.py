@@ -1,12 +1,15 @@
 """What someone else sent, or left in a folder, is read as data: Modelica, studies, checkpoints, caches."""
 
+import importlib.util
 import json
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pycosim.compile import Library, compile_model, shared_library, tree_data
+from pycosim.core import cache
 from pycosim.core.errors import ModelicaError
 from pycosim.dynamics.simulate import simulate
 from pycosim.export.links import evaluate
@@ -51,6 +54,21 @@ def test_a_library_is_shared_until_a_text_changes(tmp_path):
     assert shared_library([file]) is first and shared_library() is not first
     file.write_text(text.replace("My", "Mine"))
     assert "Mine" in shared_library([file]).walk() and "Mine" not in first.walk()
+
+
+def test_what_the_cache_keeps_is_forgotten_when_any_source_changes(tmp_path):
+    """A helper of an effect's equation stands in another room than the compiler."""
+    for room in ("core", "data"):
+        (tmp_path / room).mkdir()
+    (tmp_path / "core" / "cache.py").write_text(Path(cache.__file__).read_text())
+    spec = importlib.util.spec_from_file_location("its_cache", tmp_path / "core" / "cache.py")
+    keys = []
+    for text in ("a = 1\n", "a = 2\n", "a = 1\n"):
+        (tmp_path / "data" / "helper.py").write_text(text)
+        its = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(its)
+        keys.append(its.digest("the same model"))
+    assert keys[0] == keys[2] != keys[1]
 
 
 class Evil:
