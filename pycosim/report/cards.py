@@ -25,13 +25,15 @@ def fall(before, after):
     return {c: 1 - after[c] / before[c] for c in after if before.get(c)}
 
 
-def experiment(library, finding):
+def experiment(library, finding, most=None):
     """What would tell a candidate from its twins, or make it surer where it has none.
 
     Parameters
     ----------
     library : Library
     finding : Finding
+    most : int, optional
+        Experiments that are named; the candidate's own comes first. All by default.
 
     Returns
     -------
@@ -41,7 +43,7 @@ def experiment(library, finding):
     own = annotation(library, find_effect(library, finding.effect).model).get("experiment", "")
     others = {t["effect"] for t in finding.twins} - {finding.effect}
     wanted = [own, *(annotation(library, find_effect(library, e).model).get("experiment", "") for e in sorted(others))]
-    text = "; ".join(dict.fromkeys(w for w in wanted if w))
+    text = "; ".join(list(dict.fromkeys(w for w in wanted if w))[:most])
     places = [t["place"] for t in finding.twins if t["effect"] == finding.effect]
     if places:
         text += (f"; and choose a line along which what acts at {finding.place} and at {', '.join(places)} differs, "

@@ -92,7 +92,10 @@ class Verdict:
                 "missing_effect": "An effect is missing"}[self.first["verdict"]]
 
     def _marks(self):
-        """What the drawing marks: the effects that were added, and less, what they cannot be told from."""
+        """What the drawing marks: the effects that were added, and less, what they cannot be told from, or a guess."""
+        guess = (self.first.get("unexplained") or {}).get("proposal")
+        if not self.added and guess and guess.get("place"):
+            return {"also": dict.fromkeys(schematic.components(self.dataset.base, guess["place"]), "a guess")}
         alike = [(t["effect"], t["place"]) for step in self.added for t in self._alternatives(step)]
         return schematic.marked(self.dataset.base, [step.added for step in self.added], alike)
 
@@ -230,7 +233,7 @@ class Verdict:
         found = []
         for step in self.added:
             twins = self._alternatives(step)
-            text = cards.experiment(self.library, step.finding) if twins else ""
+            text = cards.experiment(self.library, step.finding, 1) if twins else ""
             if text:
                 names = sentences.joined([_named(t["effect"], t["place"]) for t in twins])
                 found.append(f"{_capital(text)}: that tells {_named(*step.added)} from {names}.")

@@ -258,6 +258,9 @@ def test_an_unexplained_residual_asks_for_what_it_depends_on(found):
     assert "no effect of the library explains" in page.verdict.title()
     assert "speed of 2A" in rows(page)["What is missing"] and "speed of 2A" in rows(page)["Next experiment"]
     assert "refused: it fits by chance" in page.html()
+    page.verdict.first["unexplained"] = {"proposal": {"text": "A guess: a hump.", "place": "2A"}}
+    told = page.verdict.card()
+    assert ">a guess</text>" in told["drawing"] and "stroke-width=\"3.5\"" not in told["drawing"]
 
 
 def test_what_the_data_cannot_tell_apart_is_said_marked_and_asked_for(found):
@@ -268,6 +271,7 @@ def test_what_the_data_cannot_tell_apart_is_said_marked_and_asked_for(found):
     told = rows(page)
     assert told["What else it could be"] == "These data cannot tell stribeck at 2A from torque offset at motor2."
     assert "tells stribeck at 2A from torque offset at motor2" in told["Next experiment"]
+    assert told["Next experiment"].count("; ") == 0  # one, not a list of them
     assert "stays open" in told["How sure"]
     assert page.verdict.title() == "The model lacks stribeck at 2A or torque offset at motor2"
     assert ">or torque offset</text>" in page.verdict.card()["drawing"]
