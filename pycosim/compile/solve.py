@@ -411,7 +411,7 @@ def _cubic(jacobian, at_zero, x):
     series = sum(c * u ** n for n, c in enumerate(_SERIES))
     rising, falling = (ca.sqrt(3 * ca.fmax(sign * u, _NEAR)) for sign in (1, -1))
     stiff = 2 * ca.sinh(ca.asinh(1.5 * rising) / 3) / rising
-    # beyond the fold, 1.5 sqrt(-3 u) = 1, no torque has so large a reading: the last one stands
+    # beyond 1.5 sqrt(-3 u) = 1 this root is no longer real, no torque has so large a reading: its last value is kept
     soft = 2 * ca.sin(ca.asin(ca.fmin(1.5 * falling, 1 - 1e-12)) / 3) / falling
     return [-at_zero / a * ca.if_else(ca.fabs(u) < _NEAR, series, ca.if_else(u > 0, stiff, soft))]
 

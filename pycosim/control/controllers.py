@@ -191,7 +191,7 @@ class _Builder:
         period = Variable("period", "s", "Time from one sample to the next", self.period, 1e-6, 10.0, 1e-3)
         after = ca.vertcat(*[self.after[n] for n in self.states], ca.SX(0, 1))
         y = ca.vertcat(*[e for _, e in self.outputs.values()], ca.SX(0, 1))
-        used = {s.name() for s in ca.symvar(ca.vertcat(y, after))}  # what a question has beyond that is not told
+        used = {s.name() for s in ca.symvar(ca.vertcat(y, after))}  # a block declares no parameter that it does not use
         parameters = [pair for n, pair in self.parameters.items() if n in used] + [(period, self.symbol_period)]
         groups = [list(self.inputs.values()), list(self.states.values()), parameters]
         u, x, p = (ca.vertcat(*[symbol for _, symbol in group], ca.SX(0, 1)) for group in groups)

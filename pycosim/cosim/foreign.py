@@ -1,4 +1,4 @@
-"""An FMU of anyone's in; its outputs along a log, and what they owe to its parameters, out.
+"""An FMU of anyone's in; its outputs along a log, and their derivatives by its parameters, out.
 
 Co-simulation FMUs are stepped from sample to sample, model-exchange FMUs by the classical Runge-Kutta method with the
 same parts in between each time; their state events are not looked for. Inputs are held from each sample to the next.

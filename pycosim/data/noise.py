@@ -20,7 +20,7 @@ BLOCKS = 2500  # means that the memory of the noise is estimated from
 LONGEST = 32  # samples of one mean at most
 STRETCHES = 5.0
 """Times that a log must hold the memory of its noise: what it holds less often is a trend, of which it shows one."""
-PROVED = 3.0  # logarithms of likelihood that a slow part must win
+PROVED = 3.0  # least gain in log-likelihood for which correlated noise is assumed: 5 % by chance (its two parameters)
 
 
 @dataclass(frozen=True)

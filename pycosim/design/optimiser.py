@@ -24,7 +24,7 @@ LEAST = 3.0  # least speed of a segment, over the speed above which a sample cou
 SHARE = 0.01  # of the budget that every stroke gets at least
 TRAVEL = 0.05, 0.15, 0.5  # of the budget kept for the ways between strokes; the next if they take longer
 STARTS = 5
-DRAWN = 60  # points from which those are chosen: what tells rivals apart can be a corner that nothing slopes towards
+DRAWN = 60  # random points from which the starts are chosen: a gradient need not lead to where rivals differ most
 SHORTEST = 0.0075  # of a way, over the size of the workspace; below 0.005 `segmentation` sees no way out and back
 PRESLIDING = 50.0  # least way of a segment over its elastic displacement: friction has built up in 2 % of a pass
 

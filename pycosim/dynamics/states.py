@@ -1,4 +1,4 @@
-"""Friction states along a log: motion in, states (and what they owe to the parameters) out.
+"""Friction states along a log: motion in, states (and their derivatives by the parameters) out.
 
 With its inputs held, a friction state moves at a rate of one or two straight pieces, stiff when its travel is short.
 Each step is exact for inputs held at their mean over it. Where the rate is one piece, ``x' = a x + b``, the steps of a

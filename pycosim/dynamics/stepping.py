@@ -24,7 +24,7 @@ from ..core.errors import ModelicaError
 from .states import advance
 
 GAMMA = 1 - 0.5 ** 0.5
-TOLERANCE = 1e-8  # of a correction, relative; the next one would be smaller by as much, except where friction bends
+TOLERANCE = 1e-8  # largest last Newton correction, relative; a further one would be far smaller, except at a kink
 _PLAIN = 5  # made while the last one was too large
 _RESCUE = 40  # made after those, damped, while the last one was too large
 GAP = 1e-5  # rad, or m; see `gap`. Machines in use stay below (stick and slip, reversals, 50 rad/s of a free shank);
