@@ -145,16 +145,13 @@ def _said(out):
     last, steps = first, []
     if (out / "diagnosis_final.json").exists():
         last = json.loads((out / "diagnosis_final.json").read_text())
-    known = {(c["effect"], c["place"]): c for c in [*last["candidates"], *first["candidates"]]}
     if (out / "ladder.json").exists():
         ladder = json.loads((out / "ladder.json").read_text())["steps"]
         for before, step in zip(ladder, ladder[1:]):
-            name = step["added"]["effect"], step["added"]["place"]
-            twins = step.get("twins", known.get(name, {}).get("twins", []))
-            steps.append({"added": list(name), "twins": [[t["effect"], t["place"]] for t in twins],
+            steps.append({"added": list(step["added"].values()),
+                          "twins": [[t["effect"], t["place"]] for t in step["alternatives"]],
                           "before": before["held_out_error"], "after": step["held_out_error"],
-                          "coefficients": {n: [v["value"], *v["ci95"]] for n, v in
-                                           known.get(name, {}).get("coefficients", {}).items()}})
+                          "coefficients": {n: [v["value"], *v["ci95"]] for n, v in step["coefficients"].items()}})
     best = [[c["effect"], c["place"], c["p_value"], c.get("refused")] for c in first["candidates"][:3]]
     return {"verdict": first["verdict"], "final": last["verdict"], "steps": steps, "best": best,
             "depends": [[d["variable"], round(d["strength"], 3)] for d in last.get("residual_depends_on", [])[:3]]}

@@ -13,10 +13,10 @@ from .effects import (
     potentials,
     ranked,
 )
-from .model import Model, Question, compile_model
+from .model import FILTERED, Model, Question, compile_model
 from .parse import Library, shared_library
 from .solve import solve
 
-__all__ = ["ArrayFunction", "Effect", "Library", "Model", "Place", "Question", "catalogue", "compile_model",
+__all__ = ["FILTERED", "ArrayFunction", "Effect", "Library", "Model", "Place", "Question", "catalogue", "compile_model",
            "component_name", "extend", "find_effect", "find_place", "places", "potentials",
            "ranked", "shared_library", "solve"]

@@ -26,6 +26,7 @@ from .effects import (
 from .solve import der, solve
 
 RECORDED = "tau"  # what a component with a torque channel records
+FILTERED = "at(lag({}))", "by(lag({}))"  # inputs: a record's lag as it is undone, and its derivative by that
 
 
 @dataclass
@@ -49,7 +50,8 @@ class Question:
     late : dict of str to str
         Inputs that were recorded late, and the output that says by how much; the output ``lag(x)`` says how much of
         it is the time constant of a filter. The function holds what the delay does to first order about ``at(x)``, an
-        input: there its value is exact when x is given at that much later.
+        input: there its value is exact when x is given at that much later. So with a filter, about ``at(lag(x))``, with
+        ``by(lag(x))`` the derivative of x by the time constant.
     held : dict of str to str
         Components whose reference a filter of first order has held back, and the output that is its time constant.
         The outputs themselves are those before the filter.
@@ -538,13 +540,18 @@ class Model:
 
     @staticmethod
     def _shifted(late, values, names, symbols):
-        """Variables in terms of signals as they were recorded: x becomes x + (delay - at(x)) der(x)."""
+        """Variables in terms of signals as they were recorded: x becomes x + (delay - at(x)) der(x), so with a lag."""
         if not late:
             return {}
-        for n in [m for signal in late for m in (der(signal), f"at({signal})") if m not in symbols]:
-            symbols[n] = ca.SX.sym(n)
-        recorded = [symbols[signal] + (values[delay] - symbols[f"at({signal})"]) * symbols[der(signal)]
-                    for signal, delay in late.items()]
+        recorded = []
+        for signal, behind in late.items():
+            lag, value = values[f"lag({signal})"], symbols[signal]
+            for time, at, slope in ((values[behind] - lag, f"at({signal})", der(signal)),
+                                    (lag, *(n.format(signal) for n in FILTERED))):
+                if not time.is_zero():
+                    at, slope = (symbols.setdefault(n, ca.SX.sym(n)) for n in (at, slope))
+                    value += (time - at) * slope
+            recorded.append(value)
         shifted = ca.substitute([values[n] for n in names], [symbols[s] for s in late], recorded)
         return dict(zip(names, shifted))
 

@@ -9,12 +9,11 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.signal import savgol_filter
 
 from ..compile import ArrayFunction, catalogue, compile_model, component_name
 from ..core.errors import DataError, StudyError
 from ..dynamics.delays import Record, undo
-from ..dynamics.filters import settings
+from ..dynamics.filters import first_order, settings
 from ..dynamics.states import dependent_parameters, propagate
 from . import instruments, segmentation, turns
 from .derivatives import derivatives, resolution
@@ -28,6 +27,7 @@ _ENDS = {"min": min, "max": max}  # of what a place travels over
 SPEEDS = {"phi": "w", "s": "v"}  # of a rotating and of a sliding component: position and speed
 SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
 AROUND, OUT = 7, 6.0  # samples whose median one is compared with, and scatters that it must be off to be out of line
+_FEW = 20  # samples of a pass or a direction, of which nothing is predicted
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 
 
@@ -74,7 +74,7 @@ class Dataset:
         self._segment()
         self._size()
         self._split()
-        self._views, self._slopes, self._rates, self._records = {}, {}, {}, {}
+        self._views, self._slopes, self._records = {}, {}, {}
 
     # ---- what is known, what is compared
 
@@ -279,7 +279,7 @@ class Dataset:
         unmeasured = {n: still for n in question.late if n not in signals}
         return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
                     {n: self._slope(n) for n in question.late if not _is_motion(n)},
-                    lambda name: self._rate(signals[name]), self._record)
+                    self._held_back, self._record)
 
     def _record(self, values):
         """A recorded signal that can be read at other times."""
@@ -287,17 +287,27 @@ class Dataset:
             self._records[id(values)] = Record(self.time, values, self.run)  # holds them
         return self._records[id(values)]
 
-    def _rate(self, values):
-        """Slope of a recorded signal, by a cubic through the nine samples around each; it may jump, as torques do."""
-        if id(values) not in self._rates:
-            found = np.zeros(len(self.time))
-            for k in np.unique(self.run):
-                part = self.run == k
-                time = self.time[part]
-                if len(time) > 8:  # both by the number of the sample: the rate of sampling may vary
-                    found[part] = savgol_filter(values[part], 9, 3, deriv=1) / savgol_filter(time, 9, 3, deriv=1)
-            self._rates[id(values)] = values, found  # held, so that no other array gets its number
-        return self._rates[id(values)][1]
+    def _held_back(self, name, lag):
+        """What a filter of first order holds back of what the motion predicts of a torque, and its slope by the lag."""
+        smooth = self.memo(("dataset.settled", name), lambda: self._settled(self.signals.get(name, 0.0 * self.time)))
+        (filtered,), (by_lag,) = first_order(smooth[None], lag, self.time, self.run)
+        return smooth - filtered, -by_lag
+
+    def _settled(self, values):
+        """What the motion predicts of a torque from samples at which a filter has caught up, between turns.
+
+        A sample below the least speed that goes the way of its neighbour is as that.
+        """
+        starts = np.append(True, np.diff(self.passes) != 0)
+        since = self.time - np.maximum.accumulate(np.where(starts, self.time, -np.inf))
+        found = self._predict(values, self.moving & (since > JUMP))
+        way = np.sign(self.speeds)
+        turns = np.flatnonzero(np.any(np.diff(way, axis=1) != 0, axis=0) | (np.diff(self.run) != 0)) + 1
+        for part in np.split(np.arange(len(values)), turns):
+            moving = part[self.moving[part]]
+            if moving.size:
+                found[part[0]:moving[0]], found[moving[-1] + 1:part[-1] + 1] = found[moving[0]], found[moving[-1]]
+        return found
 
     def _slope(self, name):
         """Slope of what the motion alone predicts of a signal, well inside the passes.
@@ -471,7 +481,9 @@ class Dataset:
         """
         return self._picks(self.view(part))
 
-    def _predict(self, values):
+    def _predict(self, values, trusted=None):
+        """Values as the motion predicts them at moving samples, from those that are trusted: all by default."""
+        trusted = self.moving if trusted is None else trusted
         span = np.maximum(np.ptp(self.config, axis=1, keepdims=True), 1e-9)
         x = 2 * (self.config - self.config.min(1, keepdims=True)) / span - 1
         rates = [v for n, v in self.signals.items() if n.startswith("der(") and np.ptp(v) > 0]
@@ -482,13 +494,17 @@ class Dataset:
             self.run << len(self.speeds) if self.paired else 0)
         predicted = values.copy()
         for where in (self.moving & (code == c) for c in np.unique(code[self.moving])):
-            degree = 3 if where.sum() > 1000 else 2 if where.sum() > 200 else 1
-            a = np.vstack([powers[degree][:, where], rates[:, where] if degree == 3 else rates[:0, where]])
-            predicted[where] = np.linalg.lstsq(a @ a.T, a @ values[where], rcond=1e-10)[0] @ a
+            told = where & trusted if np.count_nonzero(where & trusted) > _FEW else where
+            degree = 3 if told.sum() > 1000 else 2 if told.sum() > 200 else 1
+            rows = np.vstack([powers[degree], rates if degree == 3 else rates[:0]])
+            a = rows[:, told]
+            predicted[where] = np.linalg.lstsq(a @ a.T, a @ values[told], rcond=1e-10)[0] @ rows[:, where]
         for s in () if self.paired else contiguous(self.time, self.passes):
-            if self.passes[s.start] >= 0 and s.stop - s.start > 20:
-                a = np.array([np.ones(s.stop - s.start), predicted[s]])
-                predicted[s] = np.linalg.lstsq(a.T, values[s], rcond=1e-6)[0] @ a
+            told = np.flatnonzero(trusted[s]) + s.start
+            if self.passes[s.start] >= 0 and len(told) > _FEW:
+                a = np.array([np.ones(len(told)), predicted[told]])
+                level, share = np.linalg.lstsq(a.T, values[told], rcond=1e-6)[0]
+                predicted[s] = level + share * predicted[s]
         return predicted
 
     # ---- moving samples, blocks, held-out part

@@ -318,6 +318,8 @@ class Table:
             for place in places(self.library, self.model.rig, effect):
                 if (effect.id, place.name) in attached or any((effect.id, c) in touched for c in place.components):
                     continue
+                if self.dataset.paired and "reference" in effect.connectors:  # compared with nothing that was measured
+                    continue
                 if effect.replaces and any(f"{c}.{effect.replaces}" in self.fit.free for c in place.components):
                     continue
                 if self.dataset.study.rules_out(effect.id, place.name):

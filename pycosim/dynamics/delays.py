@@ -1,8 +1,9 @@
 """Signals as they were recorded and a model with delays in; the signals at the time they tell of out.
 
 A delay is undone by moving the record in time: one without noise along a cubic spline, a measured one by whole samples,
-and between them along the slope of what the motion predicts. The model's function then needs only the derivative by the
-delay, which is that slope.
+and between them along the slope of what the motion predicts. What a filter has held back of a measured one is what it
+would hold back of that prediction: the slope of the record itself is mostly noise. The model's function then needs only
+the derivative by the delay or the time constant.
 """
 
 from __future__ import annotations
@@ -10,12 +11,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ..compile import FILTERED
 from .filters import settings
 
 _LEAST = 8  # samples of a log that is moved
 
 
-def undo(question, signals, time, run, parameters, slopes=None, rate=None, record=None):
+def undo(question, signals, time, run, parameters, slopes=None, held=None, record=None):
     """Signals of a question with their delays undone.
 
     Parameters
@@ -29,9 +31,9 @@ def undo(question, signals, time, run, parameters, slopes=None, rate=None, recor
         Of those signals that are measured torques, without their noise. A spline takes noise away between samples,
         which would look like a better fit, and sees a slope where a torque jumps; with a slope, the nearest sample is
         taken along it.
-    rate : callable, optional
-        Name of such a signal to its own slope, shape (n,), noise and jumps included: what a filter of first order has
-        held back is its time constant times that.
+    held : callable, optional
+        Name of such a signal and a time constant to what a filter of first order holds back of it, and the derivative
+        of that by the time constant, each of shape (n,).
     record : callable, optional
         Values of another signal to its `Record`, where that is kept from call to call.
 
@@ -45,17 +47,19 @@ def undo(question, signals, time, run, parameters, slopes=None, rate=None, recor
     found = dict(signals)
     values = settings(question, [*question.late.values(), *(f"lag({n})" for n in question.late)], parameters)
     for name, behind, lag in zip(question.late, *np.split(values, 2)):
-        delay = behind - lag
+        delay, (at_lag, by_lag) = behind - lag, (n.format(name) for n in FILTERED)
         if name not in (slopes or {}):
             one = record(signals[name]) if record else Record(time, signals[name], run)
             slope = one.at(delay, 1)
-            found[name], found[f"der({name})"] = one.at(delay) + lag * slope, slope
+            found[name], back = one.at(delay), (lag * slope, slope)
         else:
             near, apart = _nearest(time, run, delay)
             slope = slopes[name][near]
-            own = rate(name)[near] if lag else slope
-            found[name], found[f"der({name})"] = signals[name][near] + slope * apart + lag * own, own
-        found[f"at({name})"] = float(behind)
+            found[name] = signals[name][near] + slope * apart
+            back = [v[near] for v in held(name, lag)] if at_lag in question.inputs else ()
+        found[f"at({name})"], found[f"der({name})"] = float(delay), slope
+        if at_lag in question.inputs:
+            found[name], found[at_lag], found[by_lag] = found[name] + back[0], float(lag), back[1]
     return found
 
 

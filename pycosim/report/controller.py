@@ -98,8 +98,9 @@ def changes(dataset, first, last):
         found = {"schema": 1, "feedforward": {}, "closed_loop": None, "why_not": "nothing was added"}
         if first[1] is last[1]:
             return found, first, last
-        found |= {"feedforward": feedforward(dataset, first, last), "why_not": None}
+        found["why_not"] = None
         try:
+            found["feedforward"] = feedforward(dataset, first, last)
             found["closed_loop"] = closed_loop(dataset, first, last)
         except (DataError, StudyError, ModelicaError) as error:
             found["why_not"] = str(error)

@@ -155,11 +155,14 @@ def ladder(steps, dataset):
     Returns
     -------
     dict
+        Beyond the contract, what the diagnosis that chose an effect said of it: ``alternatives`` and ``coefficients``.
     """
     return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "units": dataset.units, "steps": [
         {"added": None if s.added is None else {"effect": s.added[0], "place": s.added[1]},
          "error": s.error, "held_out_error": s.held_out_error,
-         "predicted_error": s.finding.predicted_error or None if s.finding else None} for s in steps]})
+         "predicted_error": s.finding.predicted_error or None if s.finding else None,
+         "alternatives": s.finding.twins if s.finding else [],
+         "coefficients": s.finding.coefficients if s.finding else {}} for s in steps]})
 
 
 def confirmation(found, replay, units):

@@ -1,6 +1,7 @@
 """A record moved in time is the signal at the time it tells of, and its noise stays what it was."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from pycosim.compile import Library, compile_model
@@ -65,12 +66,31 @@ def test_what_a_filter_of_first_order_has_held_back_is_given_back(T):
     assert np.abs(late - b)[20:-20].max() > 0.3 * T * 50  # a gear of 50
 
 
-@pytest.mark.parametrize("shake", [0.0, 2e-3])
-def test_the_slope_of_a_record_is_that_of_its_time_also_where_the_rate_varies(shake):
-    time = TIME + shake * np.sin(40 * TIME)
-    data = Dataset.__new__(Dataset)
-    data.time, data.run, data._rates = time, ONE, {}
-    np.testing.assert_allclose(data._rate(np.sin(3 * time)), 3 * np.cos(3 * time), atol=2e-2)
+def test_a_torque_that_a_filter_held_back_is_given_back_without_its_noise_growing(lagging_study):
+    log = pd.read_csv(lagging_study.parent / "log.csv")
+    true, noise = log["tau"].to_numpy(), 0.002 * np.random.default_rng(0).standard_normal(len(log))
+    time = log["time"].to_numpy()
+    log["tau"] = first_order(true[None], 0.08, time, np.zeros(len(log)))[0][0] + noise
+    log.to_csv(lagging_study.parent / "log.csv", index=False)
+    data = Dataset(load_study(lagging_study), Library())
+    model = compile_model(data.library, data.study.rig, [("low_pass", "torque")])
+    values = {**{n: v.value for n, v in data.variables(model).items()}, "low_pass_torque.T": 0.08}
+    given = data.undelayed(data.ask(model), values)["motor.tau"][data.moving]
+    off = given - (true + noise)[data.moving]
+    bare = (log["tau"] - true - noise)[data.moving]
+    assert np.sqrt(np.mean(off ** 2)) < 0.25 * np.sqrt(np.mean(bare ** 2))
+
+
+def test_the_slope_of_a_residual_by_a_lag_of_the_torque_is_its_difference(lagging_study):
+    data = Dataset(load_study(lagging_study), Library())
+    model = compile_model(data.library, data.study.rig, [("time_delay", "torque"), ("low_pass", "torque")])
+    values = {**{n: v.value for n, v in data.variables(model).items()}, "low_pass_torque.T": 0.05,
+              "time_delay_torque.d": 0.0}
+    free = ["low_pass_torque.T"]
+    problem = data.residuals(model, free, values)
+    slope = np.concatenate([j for _, _, j in problem.blocks(np.array([0.05]))], axis=2)[:, 0]
+    apart = (problem.residual(np.array([0.05 - 1e-5])) - problem.residual(np.array([0.05 + 1e-5]))) / 2e-5
+    np.testing.assert_allclose(slope, apart, atol=2e-4 * np.abs(apart).max())
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.004, 0.05, 3.0])

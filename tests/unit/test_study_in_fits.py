@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.hidden_effects.machine import PAPER, measure, six_manoeuvres, write_csv
 from pycosim.cli.entry import main
-from pycosim.compile import Library
+from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.data.residuals import huber
 from pycosim.data.turns import LONGER, building_up
@@ -16,6 +16,7 @@ from pycosim.diagnosis.excitation import undetectable
 from pycosim.diagnosis.scores import Scores
 from pycosim.diagnosis.table import Table
 from pycosim.fit.least_squares import fit
+from pycosim.report.controller import changes
 from pycosim.study.parse import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
@@ -111,3 +112,11 @@ def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0):
 def test_only_what_the_model_s_own_travel_does_after_turns_is_left_out(left_out, there):
     found = turning(**there)
     assert (0 < found.sum() < 0.3 * len(found)) if left_out else not found.any()
+
+
+def test_what_a_controller_cannot_work_out_ahead_is_said_and_loses_nothing(dataset, log):
+    data = dataset(log)
+    keys = [("viscous", "1B+2B"), ("direction_asymmetry", "1A"), ("load_nonlinearity", "1A+2A")]
+    model = compile_model(data.library, data.study.rig, keys)
+    told = changes(data, (data.base, fit(data, data.base)), (model, fit(data, model)))
+    assert told["feedforward"] == {} and "no closed form" in told["why_not"]
