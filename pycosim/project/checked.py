@@ -9,11 +9,11 @@ import pandas as pd
 
 from ..data.checks import Checked
 from ..report import findings
-from .shown import Shown
+from .shown import Recorded
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Check(Shown):
+class Check(Recorded):
     """What is wrong with a study's logs before any physics is asked.
 
     Attributes

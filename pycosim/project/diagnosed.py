@@ -11,7 +11,7 @@ import pandas as pd
 
 from ..core.errors import UnknownNameError, closest
 from ..report import cards, drawings, plots, records, sentences
-from .shown import Shown
+from .shown import Recorded, Shown
 
 if TYPE_CHECKING:
     from .fitted import Fitted
@@ -167,7 +167,7 @@ class Candidates(Sequence[Candidate], Shown):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Shown):
+class Diagnosis(Recorded):
     """Which effect a fitted model lacks.
 
     Attributes

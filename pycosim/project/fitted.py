@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,7 +25,7 @@ from ..study.schema import Study
 from .diagnosed import Candidate, Diagnosis
 from .planned import Plan
 from .progress import finish
-from .shown import Shown
+from .shown import Recorded, Shown
 
 if TYPE_CHECKING:
     from ..export import Export
@@ -121,7 +122,7 @@ class Parameters(Mapping[str, Parameter], Shown):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Shown):
+class Comparison(Recorded):
     """Errors of a model, whole and by groups of samples.
 
     Attributes
@@ -141,6 +142,41 @@ class Comparison(Shown):
     def sentences(self) -> list[str]:
         """The errors, and where they are largest, in words."""
         return sentences.summary_comparison(self.record)
+
+    def to_dict(self) -> dict[str, Any]:
+        """``comparison.json``.
+
+        Returns
+        -------
+        dict
+        """
+        return dict(self.record)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Comparison:
+        """Read what `save`, or the command line, has written.
+
+        Parameters
+        ----------
+        path : path
+            ``comparison.json``.
+
+        Returns
+        -------
+        Comparison
+
+        Raises
+        ------
+        StudyError
+            It is no such file.
+        """
+        try:
+            found = json.loads(Path(path).read_text(encoding="utf-8"))
+            made = cls(found)
+            repr(made), made.to_frame()
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            raise StudyError(f"{path}: is no comparison.json; one is left by 'pycosim compare' and by save()") from None
+        return made
 
     def _headline(self) -> str:
         return sentences.errors_text(self.record["error"], self.record["units"])

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import html
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
+
+from ..core.errors import StudyError
+from ..report import records
 
 ROWS = 12
 """Rows of a table that a notebook shows at most; `to_frame` has them all."""
@@ -48,3 +53,39 @@ class Shown:
         more = f"<p>and {rest} more rows; <code>to_frame()</code> has all</p>" if rest > 0 else ""
         table = frame.head(ROWS).to_html(border=0, float_format=lambda v: f"{v:.4g}", na_rep="")
         return f"<p><b>{type(self).__name__}</b>: {html.escape(self._headline())}</p>{table}{more}"
+
+
+class Recorded(Shown):
+    """What a verb writes as a file of JSON, and an object can too."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the file of the verb holds.
+
+        Returns
+        -------
+        dict
+        """
+        raise NotImplementedError
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the file that the verb writes.
+
+        Parameters
+        ----------
+        path : path
+            A file of JSON; replaced where there is one.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        StudyError
+            It cannot be written there.
+        """
+        try:
+            Path(path).write_text(records.to_json(self.to_dict()), encoding="utf-8")
+        except OSError as error:
+            raise StudyError(f"{path}: cannot be written ({error.strerror}); save it elsewhere") from None
+        return Path(path)

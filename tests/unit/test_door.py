@@ -2,6 +2,7 @@
 
 import doctest
 import importlib
+import json
 import pkgutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import pycosim as pc
 import pycosim.project
 from pycosim.core.errors import DataError, StudyError, UnknownNameError
 from pycosim.project import open_project
+from pycosim.report import records
 from pycosim.study.parse import load_study
 
 ROOT = Path(__file__).parents[2]
@@ -178,6 +180,19 @@ def test_every_object_shows_in_a_line_and_as_a_table(project, search):
         text = repr(thing)
         assert "\n" not in text and text.startswith(f"<{type(thing).__name__}: ") and len(text) < 400
         assert "<table" in thing._repr_html_() and isinstance(thing.to_frame(), pd.DataFrame)
+
+
+def test_what_a_verb_writes_an_object_saves(project, tmp_path):
+    compared, found = project.compare(), project.diagnose()
+    for thing, name in ((compared, "comparison"), (found, "diagnosis"), (project.check(), "check")):
+        kept = thing.save(tmp_path / f"{name}.json")
+        assert json.loads(kept.read_text()) == json.loads(records.to_json(thing.to_dict()))
+    again = pc.Comparison.load(tmp_path / "comparison.json")
+    assert repr(again) == repr(compared) and again.to_frame().equals(compared.to_frame())
+    with pytest.raises(pc.PycosimError, match="is no comparison.json"):
+        pc.Comparison.load(tmp_path / "diagnosis.json")
+    with pytest.raises(pc.PycosimError, match="cannot be written"):
+        found.save(tmp_path / "nowhere" / "diagnosis.json")
 
 
 def test_errors_have_dimensions(project):
