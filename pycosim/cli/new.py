@@ -60,7 +60,31 @@ def new(arguments):
     if proposal is None:
         return path, [f"Written: {path}. Say which columns your log has, then: pycosim improve {path} --data "
                       "my_log.csv"]
-    return path, [*told(proposal), f"Written: {path}. Next: pycosim check {path}, then: pycosim improve {path}"]
+    return path, [*told(proposal), f"Written: {path}. Next: pycosim check {path}, then: pycosim improve {path}",
+                  *draw(proposal, path)]
+
+
+def draw(proposal, path):
+    """A picture of each mapped column beside the study: a wrong column is seen sooner than read.
+
+    Parameters
+    ----------
+    proposal : Proposal
+    path : Path
+        The study.
+
+    Returns
+    -------
+    list of str
+        Where it is.
+    """
+    from ..report import figures, preview
+    plot = preview.columns(proposal)
+    if plot is None:
+        return []
+    name = f"{path.stem}_columns"
+    figures.save(plot, path.parent, name, ("png",))
+    return [f"A picture of each column: {path.parent / name}.png"]
 
 
 def refuse_taken(path):

@@ -150,7 +150,7 @@ def _shown(alone):
     """Which effects of their nominal size the motion shows, the clearest first, and which it does not."""
     lines, ranked = [], sorted(alone, key=lambda s: -s["difference"])
     clear = [f"{_at(s['true'])} ({s['difference']:.3g})" for s in ranked if s["separable"]]
-    slow = [f"{_at(s['true'])} (about {number(s['time'])} s)" for s in ranked
+    slow = [f"{_at(s['true'])} (about {_lasting(s['time'])})" for s in ranked
             if not s["separable"] and s["time"] is not None]
     never = [_at(s["true"]) for s in ranked if not s["separable"] and s["time"] is None]
     if clear:
@@ -172,8 +172,14 @@ def _told(s):
                 "noise: they can be told apart.")
     why = ("the one can bend to the other: the same torque on every motion that was found within the limits"
            if s["time"] is None else "the difference is smaller than the noise within this budget; about "
-           f"{number(s['time'])} s of such motion would tell")
+           f"{_lasting(s['time'])} of such motion would tell")
     return f"{true} and {other} stay alike, {s['difference']:.1f} standard deviations apart: {why}."
+
+
+def _lasting(seconds):
+    """A time as people say it: seconds to ten minutes, then minutes, beyond three hours hours."""
+    size, unit = (1, "s") if seconds < 600 else (60, "min") if seconds < 3 * 3600 else (3600, "h")
+    return f"{seconds / size:.0f} {unit}" if seconds >= 10 else f"{number(seconds)} s"
 
 
 def _at(name):

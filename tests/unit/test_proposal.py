@@ -98,7 +98,9 @@ def test_new_writes_a_study_that_reads_the_file(kind, capsys):
     said = (["--map", "1=time:s", "2=motor.phi:rad", "3=motor.tau:N.m", "4=C:N.m"] if "no names" in kind else
             ["--map", "load_torque=C:N.m"] if "units" in kind or "all" in kind else ["--map", "load_torque [Nm]=C"])
     assert main(["new", "GearedJoint", "--data", "log.csv", *said]) == 0
-    assert "Written: GearedJoint.toml. Next: pycosim check GearedJoint.toml" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Written: GearedJoint.toml. Next: pycosim check GearedJoint.toml" in said
+    assert "A picture of each column: GearedJoint_columns.png" in said and Path("GearedJoint_columns.png").is_file()
     log, = load(load_study("GearedJoint.toml"))
     assert set(log.signals) == {"motor.phi", "motor.tau", "C"}
     factor = np.pi / 180 if "Windows" in kind else 1
