@@ -236,7 +236,7 @@ def test_axe_core_finds_no_violation_on_any_tab(app, page, study, theme):
     page.get_by_role("button", name="Use these columns").click()
     page.locator("[data-held-out]").wait_for(timeout=LONG)
     charted(page)
-    assert page.locator(".drive-narrow svg").is_visible()  # the drive train, coloured by error
+    assert page.locator(".drive-wide svg").is_visible()  # the drive train, coloured by error
     for name in ("Comparison", "Effects", "Parameters", "Plan", "Report", "Export"):
         tab(page, name)
         page.wait_for_timeout(1500)
