@@ -22,7 +22,7 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 IMAGES = Path(__file__).parent / "images"
-SCALE, COLOURS, PORT = 0.8, 200, 8765
+SCALE, COLOURS, PORT = 0.75, 200, 8765
 LONG = 300_000  # ms
 
 
