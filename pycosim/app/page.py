@@ -25,6 +25,12 @@ READABLE = """<style>
 .body--dark { --q-negative: #ff9a90 !important; }
 .body--dark .text-primary { color: #7db8e8 !important; }
 .body--dark { --paper: #121212; --muted: #a3adb8; --link: #6fb9f2; --bad: #ff9d5c; }
+@media print {
+  .q-header, .q-tabs, .q-btn, .q-field, .modebar-container { display: none !important }
+  .q-tab-panels, .q-panel, .q-tab-panel { display: block !important; overflow: visible !important }
+  .q-page-container { padding-top: 0 !important }
+  body { zoom: .55 }  /* the widest page, 1280 px, on a sheet of 718 */
+}
 """ + schematic.STYLE + "</style>"
 CARDS, DRAWN = 12, 3  # candidates that are listed, and of these with their signature
 TICK = 0.3  # s between looks at what has changed

@@ -244,6 +244,16 @@ def test_axe_core_finds_no_violation_on_any_tab(app, page, study, theme):
     assert page.get_by_role("heading", level=1).count() == 1 and page.get_by_role("main").count() == 1
 
 
+def test_paper_holds_the_widest_chart_and_no_button(app, page, study):
+    address, _ = app(study)
+    page.goto(address)
+    charted(page)
+    wide = page.evaluate("document.querySelector('.js-plotly-plot .main-svg').getBoundingClientRect().right")
+    page.emulate_media(media="print")
+    assert wide * float(page.evaluate("getComputedStyle(document.body).zoom")) <= 718  # px of A4 within its margins
+    assert page.locator("button:visible").count() == 0 == page.locator("header:visible").count()
+
+
 def test_work_can_be_given_up_and_leaves_nothing(app, page, study):
     address, _ = app(study)
     page.goto(address)
