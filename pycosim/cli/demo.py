@@ -308,6 +308,8 @@ def _make(library, folder, seed=2, progress=None, meanwhile=lambda rig: None, **
     text = ", ".join(f"{n} = {list(v) if isinstance(v, tuple) else v}" for n, v in given.items())
     folder.write("scenario.toml", SCENARIO.format(seed=seed, options=text))
     made = cosimulate(folder.file("scenario.toml"), library=library, progress=progress)
+    if not made.complete:  # Ctrl-C ends a co-simulation with what it has
+        raise KeyboardInterrupt
     folder.write("run.csv", made.text)
     lines = [f'"{n}" = {{ value = {0.05 if n.endswith("f0") else 0.95}, fixed = false }}' for n in MACHINE]
     folder.write("study.toml", STUDY.format(rig=RIG, parameters="\n".join(lines)))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
+import threading
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 
@@ -72,15 +74,33 @@ def executor(where, workers=None):
     if where == "serial":
         yield Serial()
         return
-    workers = workers or os.cpu_count() or 1
+    workers, others = workers or os.cpu_count() or 1, multiprocessing.active_children()
     if where == "threads":
         pool = ThreadPoolExecutor(workers)
     else:  # spawned: a fork would copy locks that other threads hold
-        pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
+        pool = _Processes(workers, multiprocessing.get_context("spawn"))
     try:
         yield pool
+    except KeyboardInterrupt:
+        for process in multiprocessing.active_children():
+            if process not in others:
+                process.terminate()
+        raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+class _Processes(ProcessPoolExecutor):
+    """Processes that leave Ctrl-C to the one that started them: each would answer it with a traceback."""
+
+    def submit(self, function, /, *arguments, **options):
+        if threading.current_thread() is not threading.main_thread():
+            return super().submit(function, *arguments, **options)
+        usual = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a process that starts has it from here
+        try:
+            return super().submit(function, *arguments, **options)
+        finally:
+            signal.signal(signal.SIGINT, usual)
 
 
 def lost(error):

@@ -101,6 +101,33 @@ def cluster(tmp_path):
             process.wait()
 
 
+WAITS = """
+import time
+from pycosim.core.executors import executor
+
+if __name__ == "__main__":
+    try:
+        with executor("processes", 1) as pool:
+            waited = pool.submit(time.sleep, 120)
+            print("begun", flush=True)
+            waited.result()
+    except KeyboardInterrupt:
+        print("interrupted")
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("later", [0.0, 1.0])  # while the other process starts, and when it works [s]
+def test_an_interrupt_ends_the_other_processes_without_a_word_of_theirs(tmp_path, later):
+    (tmp_path / "waits.py").write_text(WAITS)
+    begun = subprocess.Popen([sys.executable, tmp_path / "waits.py"], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                             text=True, start_new_session=True)
+    assert begun.stdout.readline() == "begun\n"
+    time.sleep(later)
+    os.killpg(begun.pid, signal.SIGINT)
+    assert begun.communicate(timeout=60) == ("interrupted\n", "")
+
+
 @pytest.mark.long
 def test_a_killed_worker_of_a_cluster_loses_nothing(studies, cluster, tmp_path):
     """One study is killed once and done by another worker; one kills whoever takes it, and is a row that says so."""
