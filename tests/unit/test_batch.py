@@ -102,10 +102,12 @@ def cluster(tmp_path):
 
 
 WAITS = """
+import signal
 import time
 from pycosim.core.executors import executor
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job is started without
     try:
         with executor("processes", 1) as pool:
             waited = pool.submit(time.sleep, 120)
