@@ -145,8 +145,9 @@ def _mistake(row):
     named = any(k in row["findings"] for k in kinds)
     if row["blocked"]:
         return "right" if named else "misnamed"
-    channel = {"late_50ms": ("time_delay", "low_pass"), "torque_late_50ms": ("time_delay", "low_pass"),
-               "filtered_reference": ("low_pass", "time_delay"), "clipped": ("torque_saturation",),
+    channel = {"late_50ms": ("time_delay", "low_pass", "reference_lag"),
+               "torque_late_50ms": ("time_delay", "low_pass"),
+               "filtered_reference": ("low_pass", "time_delay", "reference_lag"), "clipped": ("torque_saturation",),
                "reference_zero_offset": ("reference_offset", "joint_spring", "torque_offset"),
                "torque_gain": ("torque_constant",)}.get(row["what"], ())
     told = ({s["added"][0], *(t[0] for t in s["twins"][:ALTERNATIVES])} for s in row["steps"])
