@@ -34,6 +34,7 @@ UNSOLVED = "beside the effects of the model it has no answer in closed form"
 ALIKE = 0.2  # of what the best takes away, that an alternative may leave
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
 REFITS = 10
+REACH, STEPS = 40, 6  # samples either way that a delay is looked for within, and how often in turn with the rest
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -352,6 +353,9 @@ def _best_fit(dataset, model, start, noise, usual):
     """
     fit = least_squares.fit(dataset, model, start, most=TRIAL, noise=noise)
     base, effect = component_name(*model.attached[-1]), model.attached[-1][0]
+    late = next((f"{base}.{c}" for c, kind in effect.scan.items() if kind == "delay"), None)
+    if late in fit.free:
+        fit = _from_every_sample(dataset, model, fit, late, noise, usual)
     if not any(fit.at_bound(n) for n in fit.free if not n.startswith(base + ".")):
         return fit
     twice = {name: min(max(2 * start.get(name, v.value) - v.value, v.min), v.max) for name, v in (
@@ -361,6 +365,32 @@ def _best_fit(dataset, model, start, noise, usual):
     except NoAnswerError:  # so large an effect leaves no motion
         return fit
     return min(fit, other, key=lambda f: _cost(f, usual))
+
+
+def _from_every_sample(dataset, model, fit, name, noise, usual):
+    """Fit once more from the delay, a whole number of samples, that leaves least with the other parameters as fitted.
+
+    A torque jumps where a segment turns, and a record that is moved by one sample more has another jump in its place:
+    the error over the delay has steps that a fit does not climb.
+    """
+    step, at = float(np.median(np.diff(dataset.time))), fit.free.index(name)
+    low, high = fit.variables[name].min, fit.variables[name].max
+    for _ in range(STEPS):
+        problem = dataset.residuals(model, fit.free, fit.parameters)
+        problem = problem.thin(max(1, problem.n // TRIAL))
+
+        def left(delay, problem=problem, values=fit.values):
+            squares = problem.residual(np.r_[values[:at], delay, values[at + 1:]]) ** 2
+            return float((squares.mean(axis=1) / usual.ravel() ** 2).sum())
+        delays = [d for d in step * np.arange(-REACH, REACH + 1) if low < d < high]
+        best = min(delays, key=left, default=None)
+        if best is None or left(best) >= left(fit.values[at]):
+            break
+        other = least_squares.fit(dataset, model, {**fit.parameters, name: best}, most=TRIAL, noise=noise)
+        if _cost(other, usual) >= _cost(fit, usual):
+            break
+        fit = other
+    return fit
 
 
 def _none(variable):

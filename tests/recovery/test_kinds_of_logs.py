@@ -110,3 +110,10 @@ def test_what_is_slower_than_noise_is_not_nothing(case, tmp_path):
 def test_a_co_simulated_log_in_which_nothing_is_hidden_misses_nothing():
     row = scenario("six_manoeuvres", 700)
     assert (row["verdict"], row["steps"]) == ("nothing_missing", []), row
+
+
+def test_torques_that_come_late_by_ten_samples_are_a_delay_and_nothing_else(tmp_path):
+    study = make("mistake:torque_late_50ms:1:700", tmp_path, quick=True)
+    result = search.improve(Dataset(load_study(study), Library()))
+    assert [found[0] for found in told(result)] == [("time_delay", "torque")], summary(result)
+    assert 0.03 < result.steps[1].finding.coefficients["d"]["value"] < 0.06
