@@ -298,9 +298,9 @@ class Dataset:
 
         A sample below the least speed that goes the way of its neighbour is as that.
         """
-        starts = np.append(True, np.diff(self.passes) != 0)
-        since = self.time - np.maximum.accumulate(np.where(starts, self.time, -np.inf))
-        found = self._predict(values, self.moving & (since > JUMP))
+        starts = np.append(True, (np.diff(self.passes) != 0) | (np.diff(self.run) != 0))
+        start = np.maximum.accumulate(np.where(starts, np.arange(len(values)), 0))
+        found = self._predict(values, self.moving & (self.time - self.time[start] > JUMP))
         way = np.sign(self.speeds)
         turns = np.flatnonzero(np.any(np.diff(way, axis=1) != 0, axis=0) | (np.diff(self.run) != 0)) + 1
         for part in np.split(np.arange(len(values)), turns):

@@ -45,7 +45,7 @@ def building_up(miss, longer, moving, passes, time, errors, columns):
     own = moving & np.any(np.abs(miss) > BUILT_UP, axis=0)
     near = moving & np.any(np.abs(longer) > BUILT_UP, axis=0)
     off, noise, at = [], [], []
-    for s in contiguous(time, np.where(moving, passes, -1)):
+    for s in contiguous(time, passes):
         index = np.arange(s.start, s.stop)
         beyond = np.flatnonzero(~near[s])[:AFTER]
         if passes[s.start] < 0 or len(beyond) < AFTER:

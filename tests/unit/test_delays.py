@@ -81,6 +81,19 @@ def test_a_torque_that_a_filter_held_back_is_given_back_without_its_noise_growin
     assert np.sqrt(np.mean(off ** 2)) < 0.25 * np.sqrt(np.mean(bare ** 2))
 
 
+def test_a_filter_is_undone_in_every_run_alike(lagging_study):
+    text = lagging_study.read_text()
+    one = Dataset(load_study(lagging_study), Library())
+    lagging_study.write_text(text.replace('runs = ["log.csv"]', 'runs = ["log.csv", "again.csv"]'))
+    log = pd.read_csv(lagging_study.parent / "log.csv")
+    log.assign(tau=1.3 * log["tau"]).to_csv(lagging_study.parent / "again.csv", index=False)
+    two = Dataset(load_study(lagging_study), Library())
+    alone, both = (data._held_back("motor.tau", 0.08)[0] for data in (one, two))
+    for part, gain in zip(np.split(both, 2), (1.0, 1.3), strict=True):
+        off = (part - gain * alone)[one.moving]
+        assert np.sqrt(np.mean(off ** 2)) < 0.05 * np.abs(alone).max()
+
+
 def test_the_slope_of_a_residual_by_a_lag_of_the_torque_is_its_difference(lagging_study):
     data = Dataset(load_study(lagging_study), Library())
     model = compile_model(data.library, data.study.rig, [("time_delay", "torque"), ("low_pass", "torque")])
