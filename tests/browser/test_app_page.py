@@ -111,7 +111,8 @@ def test_from_a_dropped_file_to_the_first_comparison_with_two_tabs_and_a_reload(
         choose(page, "Unit of C_H", "N.m")
         other.get_by_role("alert").filter(has_text="In which unit is 'C_K'").wait_for(timeout=LONG)
         choose(other, "Unit of C_K", "N.m")  # the other tab goes on
-        page.get_by_role("alert").filter(has_text="In which unit").wait_for(state="hidden", timeout=LONG)
+        # the fields follow one after the other: none is left in the end
+        page.get_by_role("alert").filter(has_text="In which unit").first.wait_for(state="detached", timeout=LONG)
         use.click()
         page.locator("[data-stages]").filter(has_text="left: ").wait_for(timeout=LONG)
         page.reload()  # in the middle of work
