@@ -15,6 +15,7 @@ import numpy as np
 from ..compile import Library, catalogue, places
 from ..core.early import tell_early
 from ..core.errors import PycosimError, StudyError
+from ..core.whole import write_whole
 from ..project import open_project
 from ..report import values
 
@@ -196,7 +197,7 @@ class Workbench:
         if self.fitted is fitted:
             if found.guess:
                 self.make()
-                self.guess.write_text(found.guess, encoding="utf-8")
+                write_whole(self.guess, found.guess)
             self.diagnosed = replace(found, final=len(self.fits) > 1)
 
     @property

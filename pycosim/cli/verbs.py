@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from contextlib import suppress
 from functools import partial
@@ -10,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from ..core.errors import PycosimError, StudyError, UnknownNameError
+from ..core.whole import write_whole
 from ..report import records, sentences
 from ..report.folder import Folder
 from .parser import VERBS, WRITES, Stopped, UsageError
@@ -396,13 +396,10 @@ def calibrate(arguments, progress):
 
 
 def _replace(path, data):
-    """Write a file whole, so that a crash leaves the one before."""
-    new = path.with_name(f".{path.name}.{os.getpid()}")
+    """Write a checkpoint."""
     try:
-        new.write_bytes(data)
-        new.replace(path)
+        write_whole(path, data)
     except OSError as error:
-        new.unlink(missing_ok=True)
         raise UsageError(f"{path}: the checkpoint cannot be written ({error.strerror})") from None
 
 

@@ -457,12 +457,11 @@ def _decide(findings, rivals, base, refines, steady):
         best = next((f for f in earned[1:] if not _at_a_bound(f) and _twins(base, f, best)), best)
     twins = [f for f in rivals if f is not best and f.refused not in (NOTHING, UNSOLVED) and _twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(base, f, best, 3.0)), None)
-    if plain is not None and steady(plain):  # a correction is not claimed where the effect itself does nearly as well
+    enough = plain is not None and steady(plain)
+    if enough:  # a correction of an effect is not claimed where the effect itself does nearly as well
         twins = [best, *[t for t in twins if t is not plain]]
-        best, best_is_steady = plain, True
-    else:
-        best_is_steady = steady(best)
-    best.accepted = bool(best_is_steady)
+        best = plain
+    best.accepted = bool(enough or steady(best))
     best.provisional = not best.accepted
     findings.remove(best)
     findings.insert(0, best)

@@ -310,6 +310,7 @@ def _shortfall(dataset, steps, noise, known, seed):
     """
     full = select(dataset, steps[-1].model, steps[-1].fit, noise)
     before = select(dataset, steps[known - 1].model, steps[known - 1].fit, noise, full.usual)
+
     def risen(without):
         return rises(*({"fit": s.error, "test": s.held_out_error} for s in (without, steps[-1])))
 

@@ -6,7 +6,6 @@ of the library but ``math.h``.
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import casadi as ca
 
 from ..core.errors import StudyError, UnknownNameError, closest
 from ..core.units import Variable
+from ..core.whole import write_whole
 from ..dynamics.simulate import dynamics, with_parameters
 from ..dynamics.states import follow
 from .generated import generated, index_name, literal, prototype, wrapper
@@ -67,9 +67,7 @@ def export_c(model, parameters, folder, name, real="double"):
     texts = {folder / f"{name}.h": _header(model, name, real, parts, values),
              folder / f"{name}.c": _source(name, real, parts, values)}
     for path, text in texts.items():
-        temporary = path.with_name(path.name + ".part")
-        temporary.write_text(text)
-        os.replace(temporary, path)
+        write_whole(path, text)
     return tuple(texts)
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ..core.errors import StudyError
+from ..core.whole import write_whole
 from ..design import plan as planning
 from ..report import plan_results, plots
 from .progress import finish
@@ -101,12 +102,10 @@ class Plan(Shown):
         StudyError
             The file cannot be written.
         """
-        target = Path(path)
         try:
-            target.write_text(plan_results.csv(self.planned), encoding="utf-8")
+            return write_whole(path, plan_results.csv(self.planned))
         except OSError as error:
             raise StudyError(f"{path}: cannot be written ({error.strerror})") from None
-        return target
 
     @property
     def sentences(self) -> list[str]:

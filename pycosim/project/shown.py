@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from abc import ABC, abstractmethod
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from ..core.errors import StudyError
+from ..core.whole import write_whole
 from ..report import records
 
 ROWS = 12
@@ -55,9 +57,10 @@ class Shown:
         return f"<p><b>{type(self).__name__}</b>: {html.escape(self._headline())}</p>{table}{more}"
 
 
-class Recorded(Shown):
+class Recorded(Shown, ABC):
     """What a verb writes as a file of JSON, and an object can too."""
 
+    @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """What the file of the verb holds.
 
@@ -65,7 +68,6 @@ class Recorded(Shown):
         -------
         dict
         """
-        raise NotImplementedError
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the file that the verb writes.
@@ -85,7 +87,6 @@ class Recorded(Shown):
             It cannot be written there.
         """
         try:
-            Path(path).write_text(records.to_json(self.to_dict()), encoding="utf-8")
+            return write_whole(path, records.to_json(self.to_dict()))
         except OSError as error:
             raise StudyError(f"{path}: cannot be written ({error.strerror}); save it elsewhere") from None
-        return Path(path)

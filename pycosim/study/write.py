@@ -9,6 +9,7 @@ from pathlib import Path
 import tomlkit
 
 from ..core.errors import PycosimError, StudyError
+from ..core.whole import write_whole
 from .layout import LAYOUT_KEYS
 from .parse import load_study
 from .schema import COLUMN_KEYS, EFFECT_KEYS, LIMIT_KEYS, SETTING_KEYS, Column, Study
@@ -55,13 +56,9 @@ def write_study(study, path):
         The file cannot be written.
     """
     path = Path(path).absolute()
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    text = tomlkit.dumps(_edited(study, path.parent))
     try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
+        write_whole(path, tomlkit.dumps(_edited(study, path.parent)))
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise StudyError(f"{path}: cannot be written ({error.strerror})") from None
     return path
 
