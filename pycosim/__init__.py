@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .core.errors import PycosimError as PycosimError
     from .project import Candidate as Candidate
+    from .project import Check as Check
     from .project import Comparison as Comparison
     from .project import Diagnosis as Diagnosis
     from .project import Fitted as Fitted
     from .project import Parameter as Parameter
     from .project import Plan as Plan
     from .project import Project as Project
+    from .project import ResultError as ResultError
     from .project import Search as Search
     from .project import Step as Step
     from .project import open_project as open  # noqa: F401
@@ -30,6 +32,7 @@ __version__ = "0.1.0"
 # name: module that has it, and what it is called there
 _NAMES = {
     "Candidate": ("project", "Candidate"),
+    "Check": ("project", "Check"),
     "Comparison": ("project", "Comparison"),
     "Diagnosis": ("project", "Diagnosis"),
     "Fitted": ("project", "Fitted"),
@@ -37,6 +40,7 @@ _NAMES = {
     "Plan": ("project", "Plan"),
     "Project": ("project", "Project"),
     "PycosimError": ("core.errors", "PycosimError"),
+    "ResultError": ("project", "ResultError"),
     "Search": ("project", "Search"),
     "Step": ("project", "Step"),
     "open": ("project", "open_project"),

@@ -309,7 +309,7 @@ class Page:
         self.notice("diagnose")
         if bench.found is not None:
             told = records.diagnosis(bench.found, bench.dataset)
-            for line in sentences.summary_diagnosis({**told, "undetectable": []}, bench.library, len(bench.steps) > 1):
+            for line in sentences.summary_diagnosis({**told, "undetectable": []}, len(bench.steps) > 1):
                 ui.label(line)
             self._guess()
             best = [f for f in bench.found.candidates if f.accepted][:1]
@@ -324,7 +324,7 @@ class Page:
         dataset, steps = bench.dataset, bench.steps
         if len(steps) < 2:
             return
-        self.later(lambda: drawings.ladder(dataset, steps, noise_floor(dataset, steps[-1].model, steps[-1].fit)))
+        self.later(lambda: drawings.ladder(dataset.units, steps, noise_floor(dataset, steps[-1].model, steps[-1].fit)))
 
     def _guess(self):
         """The guess of a shape, as a file, and a way to try it."""

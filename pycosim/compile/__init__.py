@@ -5,6 +5,7 @@ from .effects import (
     Effect,
     Place,
     catalogue,
+    component_called,
     component_name,
     extend,
     find_effect,
@@ -18,5 +19,5 @@ from .parse import Library, shared_library
 from .solve import solve
 
 __all__ = ["FILTERED", "ArrayFunction", "Effect", "Library", "Model", "Place", "Question", "catalogue", "compile_model",
-           "component_name", "extend", "find_effect", "find_place", "places", "potentials",
+           "component_called", "component_name", "extend", "find_effect", "find_place", "places", "potentials",
            "ranked", "shared_library", "solve"]

@@ -488,7 +488,22 @@ def component_name(effect, place):
     -------
     str
     """
-    return f"{effect.id}_{place.name.replace('+', '_').replace('.', '_')}"
+    return component_called(effect.id, place.name)
+
+
+def component_called(effect, place):
+    """The same from names alone, as a result has them.
+
+    Parameters
+    ----------
+    effect, place : str
+        As ``viscous`` and ``1A+2A``.
+
+    Returns
+    -------
+    str
+    """
+    return f"{effect}_{place.replace('+', '_').replace('.', '_')}"
 
 
 def component_names(effect, place):

@@ -29,6 +29,21 @@ PATIENCE = 40.0  # s that the optimiser may take: a minute with all the rest, fo
 # --- from strokes to a motion ---------------------------------------------------------------------------------------
 
 
+def fast(limits):
+    """How fast the ways between strokes may be.
+
+    Parameters
+    ----------
+    limits : Limits
+
+    Returns
+    -------
+    speed, acceleration : ndarray, shape (motors,)
+        [rad/s], [rad/s2]
+    """
+    return ROOM * limits.speed, ROOM * limits.acceleration
+
+
 def motion_of(design, workspace, budget, dwell, rate):
     """Whole cycles of every stroke within the budget, joined to one motion.
 
@@ -52,17 +67,16 @@ def motion_of(design, workspace, budget, dwell, rate):
     PlanError
         Two cycles of every stroke take longer than the budget.
     """
-    limits = workspace.limits
     period = np.array([2 * (s.travel + s.ramp + dwell) for s in design.strokes])
     cycles = np.maximum(2, np.round(design.seconds / period)).astype(int)
 
-    fast = ROOM * limits.speed, ROOM * limits.acceleration
-    order = ordered(design.strokes, *fast)
+    most = fast(workspace.limits)
+    order = ordered(design.strokes, *most)
     number = {s.name: k for k, s in enumerate(design.strokes)}
 
     def joined():
         strokes = [replace(s, cycles=int(cycles[number[s.name]])) for s in order]
-        return assemble(strokes, *fast, dwell, rate)
+        return assemble(strokes, *most, dwell, rate)
 
     ways = joined().duration + 1.0 / rate - float(cycles @ period)  # the same for any number of cycles
     while ways + cycles @ period > budget:
@@ -467,19 +481,19 @@ def _checked(k, motion):
     return torque
 
 
-def table(plan):
-    """The planned motion as a table: what a scenario's trajectory and a drive read.
+def table(motors, motion):
+    """A motion as a table: what a scenario's trajectory and a drive read.
 
     Parameters
     ----------
-    plan : Plan
+    motors : sequence of str
+    motion : Motion
 
     Returns
     -------
     dict of str to ndarray, shape (n,)
         ``time``, angle and speed of every motor by variable, and ``manoeuvre``.
     """
-    motors, motion = plan.known.workspace.kinematics.motors, plan.motion
     found = {"time": motion.time}
     found.update({f"{m}.phi": motion.angle[k] for k, m in enumerate(motors)})
     found.update({f"{m}.w": motion.speed[k] for k, m in enumerate(motors)})

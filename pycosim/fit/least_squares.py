@@ -22,7 +22,6 @@ from ..data.residuals import huber
 from .moments import Moments
 
 NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
-WEAK = 1e-3
 MARGIN = 1e-6  # of the nominal value, that a fit keeps from its bounds: there derivatives are two-sided
 
 

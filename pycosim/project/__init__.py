@@ -9,6 +9,7 @@ from .fitted import Comparison, Fitted, Parameter, Parameters
 from .planned import Plan
 from .project import Project, open_project
 from .searched import Search, Step
+from .shown import ResultError
 
 __all__ = ["Candidate", "Candidates", "Check", "Comparison", "Diagnosis", "Fitted", "Parameter", "Parameters",
-           "Plan", "Project", "Search", "Step", "open_project"]
+           "Plan", "Project", "ResultError", "Search", "Step", "open_project"]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, ClassVar
 
 import pandas as pd
 
-from ..data.checks import Checked
-from ..report import findings
+from ..data.checks import Checked, Finding
+from ..data.checks.finding import DISCRETE
+from ..report import findings, records
+from ..report.thresholds import thresholds
 from .shown import Recorded
 
 
@@ -20,10 +23,33 @@ class Check(Recorded):
     ----------
     checked : Checked
     study : Study
+        Whose logs these are.
+    kept : dict or None
+        The record that it was loaded from.
     """
+
+    FILE: ClassVar[str] = "check.json"
+    LEFT_BY: ClassVar[str] = "'pycosim check'"
+    KEYS: ClassVar[tuple[str, ...]] = ("blocking", "findings")
 
     checked: Checked
     study: Any
+    kept: dict[str, Any] | None = None
+
+    @cached_property
+    def record(self) -> dict[str, Any]:
+        """``check.json``; beyond the contract ``accepted``, the kinds that the study has answered, and `thresholds`."""
+        if self.kept is not None:
+            return self.kept
+        made: dict[str, Any] = records.plain({**self.checked.plain(), "accepted": self.checked.accepted,
+                                              "thresholds": thresholds("check")})
+        return made
+
+    @classmethod
+    def _loaded(cls, record: dict[str, Any], absent: Any) -> Check:
+        # where nothing stops, whatever the reason, nothing must stop because a certainty was rounded
+        accepted = record.get("accepted", []) if record["blocking"] else list(DISCRETE)
+        return cls(Checked([Finding(**f) for f in record["findings"]], accepted), absent, record)
 
     @property
     def findings(self) -> list[Any]:
@@ -45,15 +71,6 @@ class Check(Recorded):
         """All findings in words, with the lines of the study that mend them."""
         return findings.every(self.checked)
 
-    def to_dict(self) -> dict[str, Any]:
-        """``check.json``.
-
-        Returns
-        -------
-        dict
-        """
-        return self.checked.plain()
-
     def to_frame(self) -> Any:
         """A row a finding.
 
@@ -63,7 +80,7 @@ class Check(Recorded):
             kind, columns, certainty, text, mend.
         """
         names = ["kind", "columns", "certainty", "text", "mend"]
-        return pd.DataFrame([{n: f.plain()[n] for n in names} for f in self.checked.findings], columns=names)
+        return pd.DataFrame([{n: f[n] for n in names} for f in self.record["findings"]], columns=names)
 
     def refuse(self) -> None:
         """Raise what stops a search.

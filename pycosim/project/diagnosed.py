@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 import pandas as pd
 
 from ..core.errors import UnknownNameError, closest
-from ..report import cards, drawings, plots, records, sentences
+from ..report import drawings, plots, records, sentences
 from .shown import Recorded, Shown
 
 if TYPE_CHECKING:
@@ -24,59 +25,57 @@ class Candidate(Shown):
     Attributes
     ----------
     diagnosis : Diagnosis
-    finding : Finding
+    record : dict
+        Its entry of ``diagnosis.json``.
     """
 
     diagnosis: Diagnosis
-    finding: Any
+    record: dict[str, Any]
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Effect and place."""
+        return self.record["effect"], self.record["place"]
 
     @property
     def name(self) -> str:
         """Effect and place, as ``stribeck@2A``."""
-        return f"{self.finding.effect}@{self.finding.place}"
+        return "@".join(self.key)
 
     @property
     def accepted(self) -> bool:
         """Whether the data ask for it: it would be added."""
-        return bool(self.finding.accepted)
+        return bool(self.record["accepted"])
 
     @property
     def p_value(self) -> float:
         """Probability that chance alone makes any candidate look as good as this one (family-wise)."""
-        return float(self.finding.p_value)
+        return float(self.record["p_value"])
 
     @property
     def alternatives(self) -> list[str]:
         """Candidates that these data cannot tell from it (indistinguishable alternatives)."""
-        return [f"{t['effect']}@{t['place']}" for t in self.finding.twins]
+        return [f"{t['effect']}@{t['place']}" for t in self.record["twins"]]
 
     @property
     def predicted_error(self) -> dict[str, float]:
-        """RMSE of each channel that the model should have with it."""
-        return dict(self.finding.predicted_error)
+        """RMSE of each channel that the model should have with it, in the channel's unit."""
+        return dict(self.record["predicted_error"])
 
     @property
     def coefficients(self) -> dict[str, dict[str, Any]]:
         """Its coefficients: ``value``, ``ci95``, ``unit``; only expected, and without interval, where not refitted."""
-        return dict(self._record["coefficients"])
+        return copy.deepcopy(self.record["coefficients"])
 
     @property
     def sentence(self) -> str:
         """What it is, how sure, and what it would bring, in words."""
-        fitted = self.diagnosis.fitted
-        text: str = cards.sentence(fitted.project.library, self.finding, self.diagnosis.error)
-        return text
+        return str(self.record["sentence"])
 
     @property
     def experiment(self) -> str:
         """What would tell it from its alternatives, or make it surer."""
-        return str(self._record["experiment"])
-
-    @property
-    def _record(self) -> dict[str, Any]:
-        entries = self.diagnosis.to_dict()["candidates"]
-        found: dict[str, Any] = next(e for e in entries if (e["effect"], e["place"]) == self.finding.key)
-        return found
+        return str(self.record["experiment"])
 
     def _headline(self) -> str:
         return f"{self.name}, p = {self.p_value:.2g}{', accepted' if self.accepted else ''}"
@@ -112,7 +111,7 @@ class Candidate(Shown):
         """
         before, after = self.diagnosis.fitted, self.add()
         return plots.handed(drawings.signature(before.dataset, (before.model, before.solution),
-                                               (after.model, after.solution), self.finding.key))
+                                               (after.model, after.solution), self.key))
 
 
 class Candidates(Sequence[Candidate], Shown):
@@ -175,63 +174,67 @@ class Diagnosis(Recorded):
     fitted : Fitted
         The model that was looked at.
     found : pycosim.diagnosis.decide.Diagnosis
-        All that was found.
+        All that was found; of one that was loaded, what its file keeps of that.
     final : bool
         Whether effects were added already: nothing missing means nothing else.
+    kept : dict or None
+        The record that it was loaded from.
     """
+
+    FILE: ClassVar[str] = "diagnosis.json"
+    LEFT_BY: ClassVar[str] = "'pycosim diagnose'"
+    KEYS: ClassVar[tuple[str, ...]] = ("verdict", "candidates", "noise_floor", "undetectable")
 
     fitted: Fitted
     found: Any
     final: bool = False
+    kept: dict[str, Any] | None = None
+
+    @cached_property
+    def record(self) -> dict[str, Any]:
+        """``diagnosis.json``; beyond the contract ``final``, whether effects were added before."""
+        if self.kept is not None:
+            return self.kept
+        return {**records.diagnosis(self.found, self.fitted.dataset), "final": self.final}
+
+    @classmethod
+    def _loaded(cls, record: dict[str, Any], absent: Any) -> Diagnosis:
+        return cls(absent, records.diagnosis_of(record), bool(record.get("final")), record)
 
     @property
     def verdict(self) -> str:
         """``missing_effect``, ``nothing_missing``, ``unexplained`` or ``not_enough_excitation``."""
-        return str(self.found.verdict)
+        return str(self.record["verdict"])
 
     @property
     def error(self) -> dict[str, float]:
-        """RMSE of each channel, of the fitted model."""
-        return dict(self.found.error)
+        """RMSE of each channel, of the fitted model, in the channel's unit."""
+        return dict(self.record["error"])
 
     @property
     def noise_floor(self) -> dict[str, float]:
-        """RMSE of each channel that noise alone leaves."""
-        return dict(self.found.noise_floor)
+        """RMSE of each channel that noise alone leaves, in the channel's unit."""
+        return dict(self.record["noise_floor"])
 
     @cached_property
     def candidates(self) -> Candidates:
         """Every effect at every place, best first."""
-        return Candidates([Candidate(self, f) for f in self.found.candidates])
+        return Candidates([Candidate(self, c) for c in self.record["candidates"]])
 
     @property
     def best(self) -> Candidate | None:
         """The candidate that the data ask for; None where they ask for none."""
         return next((c for c in self.candidates if c.accepted), None)
 
-    @cached_property
-    def _record(self) -> dict[str, Any]:
-        made: dict[str, Any] = records.diagnosis(self.found, self.fitted.dataset)
-        return made
-
-    def to_dict(self) -> dict[str, Any]:
-        """The diagnosis as ``diagnosis.json`` has it.
-
-        Returns
-        -------
-        dict
-        """
-        return dict(self._record)
-
     @property
     def sentences(self) -> list[str]:
         """What is missing, how sure, what it would bring, and what these data cannot show."""
-        return sentences.summary_diagnosis(self._record, self.fitted.project.library, self.final)
+        return sentences.summary_diagnosis(self.record, self.final)
 
     @property
     def guess(self) -> str | None:
         """A guessed shape of what no effect explains, as a Modelica file to try; None without one."""
-        return ((self._record["unexplained"] or {}).get("proposal") or {}).get("file") or None
+        return ((self.record["unexplained"] or {}).get("proposal") or {}).get("file") or None
 
     def _headline(self) -> str:
         best = self.best
@@ -248,5 +251,5 @@ class Diagnosis(Recorded):
 
     @property
     def plot(self) -> plots.DiagnosisPlots:
-        """Plots of the diagnosis: ``candidates``, ``unexplained``."""
-        return plots.DiagnosisPlots(self.fitted.dataset, self.found)
+        """Plots of the diagnosis: ``candidates``, and ``unexplained``, which needs the log."""
+        return plots.DiagnosisPlots(lambda: self.fitted.dataset, self.found)

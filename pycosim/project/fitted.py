@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -59,6 +58,25 @@ class Parameter(Shown):
     at_bound: str | None
     identifiable: bool
     description: str
+
+    @classmethod
+    def of(cls, name: str, entry: Mapping[str, Any]) -> Parameter:
+        """A parameter from its entry of ``parameters.json``.
+
+        Parameters
+        ----------
+        name : str
+        entry : dict
+            ``null`` is an end of the interval, or a standard error, that the data do not limit.
+
+        Returns
+        -------
+        Parameter
+        """
+        low, high = entry["ci95"]
+        return cls(name, float(entry["value"]), (-np.inf if low is None else low, np.inf if high is None else high),
+                   np.inf if entry["stderr"] is None else entry["stderr"], entry["unit"], entry["at_bound"],
+                   entry["identifiable"], entry["description"])
 
     def __float__(self) -> float:
         return self.value
@@ -127,11 +145,20 @@ class Comparison(Recorded):
 
     Attributes
     ----------
-    record : dict
-        ``comparison.json``.
+    kept : dict
+        Its record.
     """
 
-    record: dict[str, Any]
+    FILE: ClassVar[str] = "comparison.json"
+    LEFT_BY: ClassVar[str] = "'pycosim compare'"
+    KEYS: ClassVar[tuple[str, ...]] = ("error", "by", "units")
+
+    kept: dict[str, Any]
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """``comparison.json``."""
+        return self.kept
 
     @property
     def error(self) -> dict[str, float]:
@@ -143,40 +170,9 @@ class Comparison(Recorded):
         """The errors, and where they are largest, in words."""
         return sentences.summary_comparison(self.record)
 
-    def to_dict(self) -> dict[str, Any]:
-        """``comparison.json``.
-
-        Returns
-        -------
-        dict
-        """
-        return dict(self.record)
-
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Comparison:
-        """Read what `save`, or the command line, has written.
-
-        Parameters
-        ----------
-        path : path
-            ``comparison.json``.
-
-        Returns
-        -------
-        Comparison
-
-        Raises
-        ------
-        StudyError
-            It is no such file.
-        """
-        try:
-            found = json.loads(Path(path).read_text(encoding="utf-8"))
-            made = cls(found)
-            repr(made), made.to_frame()
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            raise StudyError(f"{path}: is no comparison.json; one is left by 'pycosim compare' and by save()") from None
-        return made
+    def _loaded(cls, record: dict[str, Any], absent: Any) -> Comparison:
+        return cls(record)
 
     def _headline(self) -> str:
         return sentences.errors_text(self.record["error"], self.record["units"])
@@ -230,7 +226,7 @@ class Comparison(Recorded):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fitted(Shown):
+class Fitted(Recorded):
     """A fitted model.
 
     Attributes
@@ -244,13 +240,20 @@ class Fitted(Shown):
         What must be said of an effect that was added last.
     reached : pycosim.diagnosis.search.Step or None
         How the model was come to, where that is known.
+    kept : dict or None
+        The record that it was loaded from.
     """
+
+    FILE: ClassVar[str] = "parameters.json"
+    LEFT_BY: ClassVar[str] = "'pycosim identify'"
+    KEYS: ClassVar[tuple[str, ...]] = ("parameters", "null_directions", "error", "units")
 
     project: Project
     model: Any
     solution: Any
     notes: tuple[str, ...] = ()
     reached: Any = None
+    kept: dict[str, Any] | None = None
 
     # ---- what it is
 
@@ -262,7 +265,7 @@ class Fitted(Shown):
     @property
     def effects(self) -> list[str]:
         """Effects in the model, as ``stribeck@2A``."""
-        return [f"{e.id}@{p.name}" for e, p in self.model.attached]
+        return list(self.record["effects"])
 
     @cached_property
     def params(self) -> Parameters:
@@ -276,16 +279,12 @@ class Fitted(Shown):
         >>> low < fit.params["s1A.f0"].value < high
         True
         """
-        s = self.solution
-        return Parameters({n: Parameter(
-            n, float(s.parameters[n]), (s.interval(n)[0], s.interval(n)[1]),
-            float(s.stderr[k]) if s.identifiable(n) else float("inf"), s.variables[n].unit, s.at_bound(n),
-            s.identifiable(n), s.variables[n].description) for k, n in enumerate(s.free)})
+        return Parameters({n: Parameter.of(n, entry) for n, entry in self.record["parameters"].items()})
 
     @property
     def error(self) -> dict[str, float]:
-        """RMSE of each channel over the moving samples that were fitted."""
-        return dict(self.step.error)
+        """RMSE of each channel over the moving samples that were fitted, in the channel's unit."""
+        return dict(self.record["error"] if self.kept is not None else self.step.error)
 
     @property
     def held_out_error(self) -> dict[str, float]:
@@ -307,18 +306,18 @@ class Fitted(Shown):
         return made
 
     @cached_property
-    def _record(self) -> dict[str, Any]:
-        made: dict[str, Any] = records.parameters(self.solution, self.model, self.project.study.seed)
-        return made
+    def record(self) -> dict[str, Any]:
+        """``parameters.json``; beyond the contract the study's name, and the effects that are in the model."""
+        if self.kept is not None:
+            return self.kept
+        made = records.parameters(self.solution, self.model, self.project.study.seed)
+        return {**made, "study": self.project.study.name,
+                "effects": [f"{e.id}@{p.name}" for e, p in self.model.attached]}
 
-    def to_dict(self) -> dict[str, Any]:
-        """The fit as ``parameters.json`` has it.
-
-        Returns
-        -------
-        dict
-        """
-        return dict(self._record)
+    @classmethod
+    def _loaded(cls, record: dict[str, Any], absent: Any) -> Fitted:
+        named = {"study": record.get("study", absent.path.stem), "effects": record.get("effects", [])}
+        return cls(absent, absent, absent, kept={**record, **named})
 
     def to_frame(self) -> Any:
         """The parameters as a table; see `Parameters.to_frame`.
@@ -332,7 +331,7 @@ class Fitted(Shown):
     @property
     def sentences(self) -> list[str]:
         """Parameters with intervals, and what the data cannot tell, in words."""
-        return sentences.summary_parameters(self._record)
+        return sentences.summary_parameters(self.record)
 
     @property
     def doubts(self) -> list[str]:
@@ -357,16 +356,19 @@ class Fitted(Shown):
     @property
     def undetermined(self) -> list[str]:
         """Combinations of parameters that these data do not determine, in words."""
-        return list(dict.fromkeys(d["text"] for d in self._record["null_directions"]))
+        return list(dict.fromkeys(d["text"] for d in self.record["null_directions"]))
 
     def _headline(self) -> str:
-        parts = [self.project.study.name, f"{len(self.params)} parameters", *self.effects]
-        return f"{', '.join(parts)}; error {sentences.errors_text(self.solution.error, self.dataset.units)}"
+        parts = [self.record["study"], f"{len(self.params)} parameters", *self.effects]
+        return f"{', '.join(parts)}; error {sentences.errors_text(self.record['error'], self.record['units'])}"
 
     @property
     def plot(self) -> plots.FitPlots:
-        """Plots: ``over_time``, ``residuals``, ``where_it_fails``, ``map``, ``intervals``, ``manoeuvres``."""
-        return plots.FitPlots(self.dataset, self.model, self.solution, self._record)
+        """Plots: ``over_time``, ``residuals``, ``where_it_fails``, ``map``, ``intervals``, ``manoeuvres``.
+
+        All but ``intervals`` need the log.
+        """
+        return plots.FitPlots(lambda: self.dataset, self.model, self.solution, self.record)
 
     # ---- what it does
 
@@ -413,11 +415,11 @@ class Fitted(Shown):
         self.project.study.refuse_own("diagnose")
         found = search.diagnosed(self.dataset, self.model, self.solution, self.project.study.seed,
                                  self.project.saying(self))
-        made = Diagnosis(self, found)
         if found.winner is not None and self.dataset.is_test.any():
-            found.winner.held_out_error = self.add(made.candidates[found.winner.key]).held_out_error
+            winner = Diagnosis(self, found).candidates[found.winner.key]
+            found.winner.held_out_error = self.add(winner).held_out_error
         finish(self.project.say)
-        return made
+        return Diagnosis(self, found)
 
     def add(self, effect: str | Candidate) -> Fitted:
         """The model with one more effect, fitted.
@@ -533,7 +535,8 @@ class Fitted(Shown):
         Parameters
         ----------
         path : path
-            Another file than the study was read from, which is never changed.
+            Another file than the study was read from, which is never changed. One that ends in ``.json`` gets
+            ``parameters.json`` instead, which `load` reads.
 
         Returns
         -------
@@ -544,4 +547,6 @@ class Fitted(Shown):
         StudyError
         """
         from .project import saved
+        if Path(path).suffix == ".json":
+            return super().save(path)
         return saved(self.study, self.project.study, path)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import pandas as pd
 
@@ -16,22 +16,29 @@ from ..core.whole import write_whole
 from ..design import plan as planning
 from ..report import plan_results, plots
 from .progress import finish
-from .shown import Shown
+from .shown import Recorded
 
 if TYPE_CHECKING:
     from .project import Project
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Shown):
+class Plan(Recorded):
     """The next experiment: a motion of the motors within the study's limits.
 
     Attributes
     ----------
     planned : pycosim.design.plan.Plan
+    kept : dict or None
+        The record that it was loaded from.
     """
 
+    FILE: ClassVar[str] = "plan.json"
+    LEFT_BY: ClassVar[str] = "'pycosim plan'"
+    KEYS: ClassVar[tuple[str, ...]] = ("goal", "strokes", "ways", "rivals")
+
     planned: Any
+    kept: dict[str, Any] | None = None
 
     @classmethod
     def made(cls, project: Project, study: Any, model: Any, dataset: Any, solution: Any, goal: str, budget: float,
@@ -63,18 +70,16 @@ class Plan(Shown):
         return cls(found)
 
     @cached_property
-    def _record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, Any]:
+        """``plan.json``, of which the motion can be made again sample by sample."""
+        if self.kept is not None:
+            return self.kept
         made: dict[str, Any] = plan_results.plan(self.planned)
         return made
 
-    def to_dict(self) -> dict[str, Any]:
-        """The plan as ``plan.json`` has it.
-
-        Returns
-        -------
-        dict
-        """
-        return dict(self._record)
+    @classmethod
+    def _loaded(cls, record: dict[str, Any], absent: Any) -> Plan:
+        return cls(absent, record)
 
     def to_frame(self) -> Any:
         """The motion as a table.
@@ -84,7 +89,12 @@ class Plan(Shown):
         pandas.DataFrame
             A row a sample: time [s], angle [rad] and speed [rad/s] of each motor, the label of the stroke.
         """
-        return pd.DataFrame(planning.table(self.planned))
+        return pd.DataFrame(self._table)
+
+    @cached_property
+    def _table(self) -> dict[str, Any]:
+        made: dict[str, Any] = plan_results.table(self.record)
+        return made
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
         """Write the motion, as ``plan.csv``: a drive can follow it, and a scenario of co-simulation.
@@ -103,19 +113,19 @@ class Plan(Shown):
             The file cannot be written.
         """
         try:
-            return write_whole(path, plan_results.csv(self.planned))
+            return write_whole(path, plan_results.csv(self._table))
         except OSError as error:
             raise StudyError(f"{path}: cannot be written ({error.strerror})") from None
 
     @property
     def sentences(self) -> list[str]:
         """The experiment in words: how long, which lines, what it will tell."""
-        return plan_results.summary(self._record)
+        return plan_results.summary(self.record)
 
     def _headline(self) -> str:
         return self.sentences[0]
 
     @property
     def plot(self) -> plots.PlanPlots:
-        """Plots of the plan: ``motion``, ``workspace``, ``domains``, ``intervals``."""
+        """Plots of the plan: ``motion``, ``workspace``, ``intervals``; they need the rig, which no file holds."""
         return plots.PlanPlots(self.planned)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import pandas as pd
 
@@ -16,10 +17,13 @@ from ..report.page import write_numbers, write_report
 from .diagnosed import Diagnosis
 from .fitted import Fitted
 from .progress import finish
-from .shown import Shown
+from .shown import Recorded, Shown, read_json
 
 if TYPE_CHECKING:
     from .project import Project
+
+RECORDS = "diagnosis", "diagnosis_final", "ladder", "parameters", "comparison"
+"""What a search is loaded from: names of the records that ``pycosim improve`` writes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,35 +34,39 @@ class Step(Shown):
     ----------
     fitted : Fitted
         The model from this step on.
-    step : pycosim.diagnosis.search.Step
+    record : dict
+        The step's entry of ``ladder.json``.
+    units : dict of str to str
+        By channel.
     """
 
     fitted: Fitted
-    step: Any
+    record: dict[str, Any]
+    units: dict[str, str]
 
     @property
     def added(self) -> str | None:
         """The effect that came with this step, as ``stribeck@2A``; None for the base model."""
-        return "@".join(self.step.added) if self.step.added else None
+        added = self.record["added"]
+        return f"{added['effect']}@{added['place']}" if added else None
 
     @property
     def error(self) -> dict[str, float]:
-        """RMSE of each channel over the moving samples that were fitted."""
-        return dict(self.step.error)
+        """RMSE of each channel over the moving samples that were fitted, in the channel's unit."""
+        return dict(self.record["error"])
 
     @property
     def held_out_error(self) -> dict[str, float]:
         """RMSE of each channel over the moving samples that were held out; empty where none were."""
-        return dict(self.step.held_out_error)
+        return dict(self.record["held_out_error"])
 
     @property
     def predicted_error(self) -> dict[str, float]:
         """What the diagnosis expected before the effect was added; empty where it said nothing."""
-        return dict(self.step.finding.predicted_error) if self.step.finding else {}
+        return dict(self.record["predicted_error"] or {})
 
     def _headline(self) -> str:
-        units = self.fitted.dataset.units
-        return f"{self.added or 'base model'}: error {sentences.errors_text(self.error, units)}"
+        return f"{self.added or 'base model'}: error {sentences.errors_text(self.error, self.units)}"
 
     def to_frame(self) -> Any:
         """Errors of the step as a table.
@@ -70,27 +78,100 @@ class Step(Shown):
         """
         parts = {"error": self.error, "held_out_error": self.held_out_error, "predicted_error": self.predicted_error}
         frame = pd.DataFrame(parts, index=list(self.error)).rename_axis("channel")
-        frame["unit"] = [self.fitted.dataset.units[c] for c in frame.index]
+        frame["unit"] = [self.units[c] for c in frame.index]
         return frame
 
 
+@dataclass(frozen=True)
+class Kept:
+    """What a search was loaded from, and what that makes.
+
+    Attributes
+    ----------
+    record : dict
+    steps : tuple of Step
+    first, last : Diagnosis
+    """
+
+    record: dict[str, Any]
+    steps: tuple[Step, ...]
+    first: Diagnosis
+    last: Diagnosis
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Search(Shown):
+class Search(Recorded):
     """The way from a base model to one that lacks nothing that the data could show.
 
     Attributes
     ----------
     project : Project
     found : pycosim.diagnosis.search.Improvement
+        Of one that was loaded, what its file keeps of that.
+    kept : Kept or None
+        What it was loaded from.
     """
+
+    FILE: ClassVar[str] = "search.json"
+    LEFT_BY: ClassVar[str] = "save() of a search"
+    KEYS: ClassVar[tuple[str, ...]] = RECORDS
 
     project: Project
     found: Any
+    kept: Kept | None = None
+
+    @cached_property
+    def record(self) -> dict[str, Any]:
+        """All records of a search, as ``pycosim improve`` writes them, by their names."""
+        if self.kept is not None:
+            return self.kept.record
+        made: dict[str, Any] = {"schema": records.SCHEMA, **self._records}
+        return made
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Search:
+        """Read what `save` has written, or the folder that ``pycosim improve`` has left.
+
+        Parameters
+        ----------
+        path : path
+            File of JSON, or a folder with ``diagnosis.json``, ``diagnosis_final.json``, ``ladder.json``,
+            ``parameters.json`` and ``comparison.json``.
+
+        Returns
+        -------
+        Search
+            Shows the same, and has the same table. What needs the log says so with a `ResultError`.
+
+        Raises
+        ------
+        ResultError
+            As of `Recorded.load`; or a file of the folder is missing.
+        """
+        folder = Path(path)
+        if not folder.is_dir():
+            return super().load(path)
+        found = {name: read_json(folder / f"{name}.json", cls) for name in RECORDS}
+        return cls._made({"schema": records.SCHEMA, **found}, folder)
+
+    @classmethod
+    def _loaded(cls, record: dict[str, Any], absent: Any) -> Search:
+        path, steps = record["ladder"], record["ladder"]["steps"]
+        final = Fitted._loaded(record["parameters"], absent)
+        models = (*(Fitted(absent, absent, absent) for _ in steps[1:]), final)
+        kept = Kept(record, tuple(Step(m, s, path["units"]) for m, s in zip(models, steps)),
+                    *(Diagnosis(m, records.diagnosis_of(record[name]), final=bool(more), kept=record[name])
+                      for name, m, more in (("diagnosis", models[0], False),
+                                            ("diagnosis_final", final, len(steps) > 1))))
+        return cls(absent, records.improvement_of(path, kept.first.found, kept.last.found), kept)
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
         """The base model first, then one step an added effect."""
-        return tuple(Step(Fitted(self.project, s.model, s.fit, reached=s), s) for s in self.found.steps)
+        if self.kept is not None:
+            return self.kept.steps
+        return tuple(Step(Fitted(self.project, s.model, s.fit, reached=s), entry, self._path["units"])
+                     for s, entry in zip(self.found.steps, self._path["steps"]))
 
     @property
     def added(self) -> list[str]:
@@ -105,11 +186,15 @@ class Search(Shown):
     @cached_property
     def first(self) -> Diagnosis:
         """The diagnosis of the base model."""
+        if self.kept is not None:
+            return self.kept.first
         return Diagnosis(self.steps[0].fitted, self.found.first)
 
     @cached_property
     def last(self) -> Diagnosis:
         """The diagnosis of the last model: what is left."""
+        if self.kept is not None:
+            return self.kept.last
         return Diagnosis(self.final, self.found.last, len(self.steps) > 1)
 
     @property
@@ -119,8 +204,16 @@ class Search(Shown):
 
     @cached_property
     def _path(self) -> dict[str, Any]:
+        if self.kept is not None:
+            return dict(self.kept.record["ladder"])
         made: dict[str, Any] = records.ladder(self.found.steps, self.project.dataset)
         return made
+
+    @cached_property
+    def _records(self) -> dict[str, dict[str, Any]]:
+        """What a search writes by itself, without simulating a controller."""
+        return dict(zip(RECORDS, (self.first.record, self.last.record, self._path, self.final.record,
+                                  self.final.compare().record)))
 
     def to_dict(self) -> dict[str, Any]:
         """The path of errors as ``ladder.json`` has it.
@@ -129,7 +222,7 @@ class Search(Shown):
         -------
         dict
         """
-        return dict(self._path)
+        return copy.deepcopy(self._path)
 
     @property
     def consequence(self) -> dict[str, Any]:
@@ -153,17 +246,14 @@ class Search(Shown):
         -------
         dict of str to dict or str
         """
-        found = {"diagnosis.json": self.first.to_dict(), "diagnosis_final.json": self.last.to_dict(),
-                 "ladder.json": self.to_dict(), "parameters.json": self.final.to_dict(),
-                 "comparison.json": self.final.compare().record,
-                 "consequence.json": self.consequence, "model.mo": str(self.found.model.text).rstrip("\n") + "\n"}
+        found: dict[str, Any] = {f"{name}.json": record for name, record in self._records.items()}
+        found |= {"consequence.json": self.consequence, "model.mo": str(self.found.model.text).rstrip("\n") + "\n"}
         return found | ({"guess.mo": self.last.guess} if self.last.guess else {})
 
     @property
     def sentences(self) -> list[str]:
         """The whole story, in words."""
-        return sentences.summary_improvement(self.first.to_dict(), self.last.to_dict(), self._path,
-                                             self.final.to_dict(), self.project.library)
+        return sentences.summary_improvement(self.first.record, self.last.record, self._path, self.final.record)
 
     @property
     def changes(self) -> list[str]:
@@ -172,7 +262,7 @@ class Search(Shown):
 
     def _headline(self) -> str:
         before, after = self.steps[0].error, self.steps[-1].error
-        units = self.project.dataset.units
+        units = self._path["units"]
         way = ", ".join(self.added) or "nothing added"
         return f"{way}; error {sentences.change_text(before, after, units)}; {self.verdict}"
 
@@ -190,8 +280,8 @@ class Search(Shown):
 
     @property
     def plot(self) -> plots.SearchPlots:
-        """Plots of the search: ``path``, ``signature``."""
-        return plots.SearchPlots(self.project.dataset, self.found)
+        """Plots of the search: ``path``, and ``signature``, which needs the log."""
+        return plots.SearchPlots(lambda: self.project.dataset, self.found, self._path["units"])
 
     def report(self, path: str | PathLike[str], numbers: str | PathLike[str] | None = None) -> Path:
         """Write the search as one page (HTML) that opens offline.
@@ -230,9 +320,12 @@ class Search(Shown):
         Parameters
         ----------
         path : path
+            One that ends in ``.json`` gets all records of the search instead, which `load` reads.
 
         Returns
         -------
         Path
         """
+        if Path(path).suffix == ".json":
+            return super().save(path)
         return self.final.save(path)

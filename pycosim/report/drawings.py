@@ -652,12 +652,13 @@ def signature(dataset, before, after, key):
     return Plot(f"signature_{key[0]}_{key[1]}", f"What {words} looks like", caption, columns, width=len(columns))
 
 
-def ladder(dataset, steps, floor):
+def ladder(units, steps, floor):
     """Error of every step of a search, on the fitted and on the held-out passes.
 
     Parameters
     ----------
-    dataset : Dataset
+    units : dict of str to str
+        By channel.
     steps : list of Step
     floor : dict of str to float
 
@@ -666,19 +667,19 @@ def ladder(dataset, steps, floor):
     Plot
     """
     marks, at = [], np.arange(len(steps))
-    for c, channel in enumerate(dataset.channels):
+    for c, channel in enumerate(units):
         tone, marker = ("before", "after", "third", "ink")[c % 4], MARKERS[c % 4]
         for kind, text, dash in (("error", "fitted passes", "dash"), ("held_out_error", "held-out passes", "solid")):
-            y = [getattr(s, kind).get(channel, np.nan) for s in steps]
+            y = [np.nan if (e := getattr(s, kind).get(channel)) is None else e for s in steps]
             if np.isfinite(y).any():
                 marks.append(Line(at, y, Look(tone, dash, 1.2, marker, dash == "dash"), f"{channel} {text}"))
         marks += [replace(m, name=f"{channel} noise floor", look=Look(tone, ("dot", "dashdot")[c % 2], 0.8))
                   for m in _floor_level(floor, channel)]
-    units = _units(dataset)
+    unit = ", ".join(dict.fromkeys(units.values()))
     names = ["base"] + [f"+ {_spaced(s.added[0])}\nat {s.added[1]}" for s in steps[1:]]
-    panel = Panel(Axis("model", names=names), Axis("RMSE", units, low=0), marks)
-    falls = ", ".join(f"{c} from {steps[0].error[c]:.3g} to {steps[-1].error[c]:.3g}" for c in dataset.channels)
-    return Plot("ladder", "The error, effect by effect", f"Error at every step of the search: {falls} {units} on the "
+    panel = Panel(Axis("model", names=names), Axis("RMSE", unit, low=0), marks)
+    falls = ", ".join(f"{c} from {steps[0].error[c]:.3g} to {steps[-1].error[c]:.3g}" for c in units)
+    return Plot("ladder", "The error, effect by effect", f"Error at every step of the search: {falls} {unit} on the "
                 "fitted passes; lines across: the noise floor.", [[panel]], width=1 if len(steps) < 4 else 1.5,
                 height=2.5)
 

@@ -361,7 +361,7 @@ def write_figures(folder, dataset, improvement, save=save):
     folder = folder / "figures"
     save(drawings.unexplained(dataset, found.unexplained), folder, "unexplained")
     save(drawings.candidates(improvement.first, held_out=base.held_out_error), folder, "candidates")
-    save(drawings.ladder(dataset, steps, found.noise_floor), folder, "ladder")
+    save(drawings.ladder(dataset.units, steps, found.noise_floor), folder, "ladder")
     for before, after in zip(steps, steps[1:]):
         name = "signature" if len(steps) == 2 else f"signature_{after.added[0]}_{after.added[1]}"
         plot = drawings.signature(dataset, (before.model, before.fit), (after.model, after.fit), after.added)

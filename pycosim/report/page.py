@@ -258,7 +258,7 @@ class Page:
             lines.append(f"Chance alone would find something as large in {cards.chance(told['p_value'])}.")
         alike = [t for t in told.get("twins") or () if (t["effect"], t["place"]) != key]
         if alike:
-            lines += sentences.alternatives_text(told, None)
+            lines += sentences.alternatives_text(told, experiment=False)
             lines += [f"What would decide: {told['experiment']}."] if told.get("experiment") else []
         finding = next(f for f in self.found.first.candidates if f.key == key)
         chart = None
@@ -279,7 +279,7 @@ class Page:
         told = self.dataset.held_out_ranges()
         seconds = sum(b - a for _, a, b in told)
         lines = [f"{len(told)} passes out and back, {seconds:.4g} s, were held out of every fit and of every choice."]
-        return {"lines": lines, "chart": self._keep(drawings.ladder(self.dataset, steps, self.floor)),
+        return {"lines": lines, "chart": self._keep(drawings.ladder(self.dataset.units, steps, self.floor)),
                 "table": _table("Errors, step by step (RMSE of moving samples)",
                                 ("model", "fitted passes", "held-out passes"), rows)}
 

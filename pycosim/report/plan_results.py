@@ -7,9 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..design.identifiability import identifiability
-from ..design.plan import NOTHING, separations, table
+from ..design.motion import Stroke, assemble
+from ..design.optimiser import DWELL
+from ..design.plan import NOTHING, fast, separations
+from ..design.plan import table as sampled
 from ..fit.nullspace import number
 from .records import SCHEMA, plain
+from .thresholds import thresholds
 
 
 def plan(found):
@@ -22,6 +26,9 @@ def plan(found):
     Returns
     -------
     dict
+        Beyond what people read, what the motion is made of: of each stroke ``middle`` [rad of each motor], ``travel``
+        and ``ramp`` [s], and of the ``ways`` between them the greatest ``speed`` and ``acceleration``, and the
+        ``rest`` at each end [s].
     """
     k, motion = found.known, found.motion
     limits, kin = k.workspace.limits, k.workspace.kinematics
@@ -32,6 +39,8 @@ def plan(found):
         "identifiability": identifiability(found),
         "held_out": [[a, b] for a, b in motion.held_out],
         "strokes": [_stroke(s, kin, zones) for s in motion.strokes],
+        "ways": {**{n: dict(zip(kin.motors, v)) for n, v in zip(("speed", "acceleration"), fast(limits))},
+                 "rest": DWELL},
         "limits": {"angles": {n: [a, b] for n, a, b in zip(limits.names, limits.low, limits.high)},
                    "used": {**{f"{m}.w": float(np.abs(motion.speed[i]).max()) for i, m in enumerate(kin.motors)},
                             **{f"{m}.a": float(np.abs(motion.acceleration[i]).max()) for i, m in
@@ -41,7 +50,7 @@ def plan(found):
                    "least_distance_to_a_stop": float(k.workspace.margin(motion.angle).min())},
         "noise": {"assumed": k.assumed, "channels": {c: {"white": n.white, "slow": n.slow, "memory": n.memory}
                                                      for c, n in zip(k.asked.channels, k.noise)}},
-        "doubts": doubts(found)})
+        "doubts": doubts(found), "thresholds": thresholds("plan")})
 
 
 def _parameters(found):
@@ -70,7 +79,8 @@ def _stroke(s, kin, zones):
     return {"name": s.name, "cycles": s.cycles, "directions": dict(zip(kin.segments, signs)),
             "zone": next(k for k, z in enumerate(zones) if z.signs == signs),
             "centre": dict(zip(kin.joints or kin.motors, kin.angles(s.centre) if kin.joints else s.centre)),
-            "speed": dict(zip(kin.motors, s.velocity)), "duration_of_a_way": s.travel + s.ramp}
+            "middle": dict(zip(kin.motors, s.centre)), "speed": dict(zip(kin.motors, s.velocity)),
+            "travel": s.travel, "ramp": s.ramp, "duration_of_a_way": s.travel + s.ramp}
 
 
 def doubts(found):
@@ -94,19 +104,43 @@ def doubts(found):
     return said
 
 
-def csv(found):
+def table(result):
+    """The motion that a plan describes, sample by sample.
+
+    Parameters
+    ----------
+    result : dict
+        ``plan.json``.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        As of `pycosim.design.plan.table`.
+    """
+    ways, motors = result["ways"], list(result["ways"]["speed"])
+
+    def of(values):
+        return np.array([values[m] for m in motors])
+    strokes = [Stroke(of(s["middle"]), of(s["speed"]), s["travel"], s["ramp"], s["cycles"], s["name"])
+               for s in result["strokes"]]
+    return sampled(motors, assemble(strokes, of(ways["speed"]), of(ways["acceleration"]), ways["rest"],
+                                    result["rate"]))
+
+
+def csv(motion):
     """Text of ``plan.csv``: what a scenario's trajectory and a drive read.
 
     Parameters
     ----------
-    found : Plan
+    motion : dict of str to ndarray, shape (n,)
+        Of `table`.
 
     Returns
     -------
     str
     """
     import pandas as pd
-    return pd.DataFrame(table(found)).to_csv(index=False, float_format="%.9g")
+    return pd.DataFrame(motion).to_csv(index=False, float_format="%.9g")
 
 
 def summary(result):

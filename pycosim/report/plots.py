@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -58,15 +59,20 @@ class FitPlots:
 
     Parameters
     ----------
-    dataset : Dataset
+    samples : callable
+        Returns the data set; raises what is to be said where there is none.
     model : Model
     fit : Fit
     record : dict
         ``parameters.json``.
     """
 
-    def __init__(self, dataset: Any, model: Any, fit: Any, record: dict[str, Any]):
-        self._dataset, self._model, self._fit, self._record = dataset, model, fit, record
+    def __init__(self, samples: Callable[[], Any], model: Any, fit: Any, record: dict[str, Any]):
+        self._samples, self._model, self._fit, self._record = samples, model, fit, record
+
+    @property
+    def _dataset(self) -> Any:
+        return self._samples()
 
     def _floor(self) -> dict[str, float]:
         return noise_floor(self._dataset, self._model, self._fit)
@@ -168,12 +174,13 @@ class DiagnosisPlots:
 
     Parameters
     ----------
-    dataset : Dataset
+    samples : callable
+        As of `FitPlots`.
     found : Diagnosis
     """
 
-    def __init__(self, dataset: Any, found: Any):
-        self._dataset, self._found = dataset, found
+    def __init__(self, samples: Callable[[], Any], found: Any):
+        self._samples, self._found = samples, found
 
     def candidates(self, most: int = 10) -> Any:
         """Candidates that promise the largest fall of the error; see `drawings.candidates`.
@@ -200,7 +207,7 @@ class DiagnosisPlots:
         PlotError
             Nothing is unexplained, or one variable alone matters.
         """
-        return handed(drawings.unexplained(self._dataset, self._found.unexplained),
+        return handed(drawings.unexplained(self._samples(), self._found.unexplained),
                       f"the verdict is {self._found.verdict}, and no map of what is left was made")
 
 
@@ -209,12 +216,15 @@ class SearchPlots:
 
     Parameters
     ----------
-    dataset : Dataset
+    samples : callable
+        As of `FitPlots`.
     found : Improvement
+    units : dict of str to str
+        By channel.
     """
 
-    def __init__(self, dataset: Any, found: Any):
-        self._dataset, self._found = dataset, found
+    def __init__(self, samples: Callable[[], Any], found: Any, units: dict[str, str]):
+        self._samples, self._found, self._units = samples, found, units
 
     def path(self) -> Any:
         """Error at every step, on fitted and on held-out passes; see `drawings.ladder`.
@@ -223,7 +233,7 @@ class SearchPlots:
         -------
         matplotlib.axes.Axes
         """
-        return handed(drawings.ladder(self._dataset, self._found.steps, self._found.last.noise_floor))
+        return handed(drawings.ladder(self._units, self._found.steps, self._found.last.noise_floor))
 
     def signature(self, step: int = 1) -> Any:
         """What the effect of a step looks like; see `drawings.signature`.
@@ -246,7 +256,7 @@ class SearchPlots:
         if not 1 <= step < len(steps):
             raise PlotError(f"no step {step}: {len(steps) - 1} effects were added")
         before, after = steps[step - 1], steps[step]
-        return handed(drawings.signature(self._dataset, (before.model, before.fit), (after.model, after.fit),
+        return handed(drawings.signature(self._samples(), (before.model, before.fit), (after.model, after.fit),
                                          after.added))
 
 

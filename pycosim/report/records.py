@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from ..compile import component_name, find_effect
 from ..compile.contribution import effect_question
+from ..diagnosis.decide import Diagnosis, Finding
+from ..diagnosis.search import Improvement, Step
 from ..fit.nullspace import null_directions, weak_directions
 from ..study.schema import Setting
 from . import cards
+from .thresholds import thresholds
 
 SCHEMA = 1
 
@@ -73,9 +76,10 @@ def parameters(fit, model, seed):
     Returns
     -------
     dict
-        Beyond the contract: ``stderr``, ``fixed`` (what was not fitted), ``weak_directions`` and ``conditional``
-        (something unknown is missing beside these values, and intervals are as wide as blocks differ), and ``own``: of
-        a parameter with a value of its own in each run, their names, their mean and their standard deviation.
+        Beyond the contract: ``thresholds``, what decided, with which value; ``stderr``, ``fixed`` (what was not
+        fitted), ``weak_directions`` and ``conditional`` (something unknown is missing beside these values, and
+        intervals are as wide as blocks differ), and ``own``: of a parameter with a value of its own in each run, their
+        names, their mean and their standard deviation.
     """
     found = {}
     for name in fit.free:
@@ -91,7 +95,7 @@ def parameters(fit, model, seed):
     return plain({"schema": SCHEMA, "parameters": found, "null_directions": null_directions(fit, owners),
                   "weak_directions": weak_directions(fit), "error": fit.error,
                   "units": {c: model.unit(c) for c in fit.error}, "seed": seed, "fixed": fixed,
-                  "conditional": fit.conditional, "own": own})
+                  "conditional": fit.conditional, "own": own, "thresholds": thresholds("parameters")})
 
 
 def diagnosis(found, dataset):
@@ -106,7 +110,8 @@ def diagnosis(found, dataset):
     Returns
     -------
     dict
-        ``twins`` holds ``alternatives`` under the name that it had first. Beyond the contract, ``refitted``:
+        ``twins`` holds ``alternatives`` under the name that it had first. Beyond the contract, ``thresholds``:
+        what decided, with which value; ``refitted``:
         candidates that were only scored have expected coefficients without interval; ``conditional``: the interval
         comes from the data that chose the effect, and holds if the effect is there; ``explained_by``, the accepted
         effect beside which a candidate's evidence vanishes; ``refused``, why a refitted candidate is no finding;
@@ -119,7 +124,25 @@ def diagnosis(found, dataset):
                   "candidates": [_candidate(c, dataset.library, found.error) for c in found.candidates],
                   "residual_depends_on": found.residual_depends_on, "undetectable": found.undetectable,
                   "excitation": found.excitation, "smallest_detectable": found.smallest,
-                  "unexplained": found.unexplained, "channels": found.channels})
+                  "unexplained": found.unexplained, "channels": found.channels,
+                  "thresholds": thresholds("diagnosis")})
+
+
+def diagnosis_of(record):
+    """What ``diagnosis.json`` keeps of a diagnosis: all but fitted models and noise.
+
+    Parameters
+    ----------
+    record : dict
+
+    Returns
+    -------
+    pycosim.diagnosis.decide.Diagnosis
+    """
+    def made(kind, entry, **more):
+        return kind(**{f.name: entry[f.name] for f in fields(kind) if f.name in entry} | more)
+    return made(Diagnosis, record, smallest=record["smallest_detectable"],
+                candidates=[made(Finding, entry) for entry in record["candidates"]])
 
 
 def _candidate(c, library, error):
@@ -155,14 +178,36 @@ def ladder(steps, dataset):
     Returns
     -------
     dict
-        Beyond the contract, what the diagnosis that chose an effect said of it: ``alternatives`` and ``coefficients``.
+        Beyond the contract, what the diagnosis that chose an effect said of it: ``alternatives`` and ``coefficients``;
+        and ``thresholds``, what decided, with which value.
     """
-    return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "units": dataset.units, "steps": [
+    return plain({"schema": SCHEMA, "held_out": dataset.held_out_ranges(), "units": dataset.units,
+                  "thresholds": thresholds("ladder"), "steps": [
         {"added": None if s.added is None else {"effect": s.added[0], "place": s.added[1]},
          "error": s.error, "held_out_error": s.held_out_error,
          "predicted_error": s.finding.predicted_error or None if s.finding else None,
          "alternatives": s.finding.twins if s.finding else [],
          "coefficients": s.finding.coefficients if s.finding else {}} for s in steps]})
+
+
+def improvement_of(path, first, last):
+    """What ``ladder.json`` keeps of a search: all but models and fits.
+
+    Parameters
+    ----------
+    path : dict
+        ``ladder.json``.
+    first, last : pycosim.diagnosis.decide.Diagnosis
+        Of its first and its last model, as of `diagnosis_of`.
+
+    Returns
+    -------
+    pycosim.diagnosis.search.Improvement
+    """
+    def added(step):
+        return (step["added"]["effect"], step["added"]["place"]) if step["added"] else None
+    return Improvement(first, last, [Step(added(s), None, None, s["error"], s["held_out_error"])
+                                     for s in path["steps"]])
 
 
 def confirmation(found, replay, units):

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from ..compile import Place, component_name, find_effect
-from ..compile.effects import annotation
+from ..compile import component_called
 from ..diagnosis.compare import worded
 from ..diagnosis.first_look import WORTH
 from ..diagnosis.remainder import HELD_OUT
@@ -323,15 +322,13 @@ def summary_first_look(error, floor, told, likely, units):
             else f"No effect alone would take {100 * WORTH:g} % of the error's energy."]
 
 
-def summary_diagnosis(result, library=None, final=False):
+def summary_diagnosis(result, final=False):
     """What is missing, how sure, what it would bring, and what these data cannot show.
 
     Parameters
     ----------
     result : dict
         ``diagnosis.json``.
-    library : Library, optional
-        To name the experiment that separates twins.
     final : bool
         Of the improved model: nothing missing means nothing else.
 
@@ -340,7 +337,7 @@ def summary_diagnosis(result, library=None, final=False):
     list of str
     """
     lines = {"missing_effect": _missing, "unexplained": _unexplained, "nothing_missing": _nothing,
-             "not_enough_excitation": _too_little}[result["verdict"]](result, library, final)
+             "not_enough_excitation": _too_little}[result["verdict"]](result, final)
     lines += _by_channel(result) + smallest_text(result["smallest_detectable"])
     return lines + summary_undetectable(result["undetectable"])
 
@@ -380,7 +377,7 @@ def smallest_text(entries, most=4):
     return [f"What could still hide (above that size it is found in nine logs of ten): {'; '.join(hidden)}."]
 
 
-def _missing(result, library, final):
+def _missing(result, final):
     best = next(c for c in result["candidates"] if c["accepted"])
     numbers = ", ".join(coefficient_text(n, c) for n, c in best["coefficients"].items())
     lines = [f"Missing: {best['effect']} at {best['place']} (p = {number(best['p_value'])} family-wise). {numbers}.",
@@ -388,18 +385,18 @@ def _missing(result, library, final):
              f"noise floor {errors_text(result['noise_floor'], result['units'])}."]
     if best["held_out_error"]:
         lines.append(f"Error with it on passes never fitted: {errors_text(best['held_out_error'], result['units'])}.")
-    return lines + alternatives_text(best, library)
+    return lines + alternatives_text(best)
 
 
-def alternatives_text(best, library):
+def alternatives_text(best, experiment=True):
     """What these data cannot tell a candidate from, and what would.
 
     Parameters
     ----------
     best : dict
         A candidate of ``diagnosis.json``.
-    library : Library or None
-        To name the experiment.
+    experiment : bool
+        Name the experiment that would.
 
     Returns
     -------
@@ -409,9 +406,8 @@ def alternatives_text(best, library):
     if not best["twins"]:
         return []
     line = f"These data cannot tell it from {joined(_names(best['twins']))}"
-    if library is not None:
-        experiment = annotation(library, find_effect(library, best["effect"]).model).get("experiment")
-        line += f"; to tell them apart, {experiment}" if experiment else ""
+    if experiment and best["experiment"]:
+        line += f"; to tell them apart, {best['experiment']}"
     return [line + "."]
 
 
@@ -424,7 +420,7 @@ def _repeats(own):
     return any(d["strength"] > MOST for d in own["depends_on"] if d["variable"] != "time")
 
 
-def _unexplained(result, library, final):
+def _unexplained(result, final):
     depends = [f"{d['variable']} ({number(d['strength'])})" for d in result["residual_depends_on"][:3]
                if d["strength"] > 0]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
@@ -466,7 +462,7 @@ def _at_floor(result):
     return f"Error {error}; noise floor {floor}."
 
 
-def _nothing(result, library, final):
+def _nothing(result, final):
     line = f"Nothing {'else ' if final else ''}is missing that these data could show"
     tested = len(result["candidates"])
     best = min(result["candidates"], key=lambda c: c["p_value"], default=None)
@@ -492,7 +488,7 @@ def but(best):
     return f", but it is refused: {best['refused']}" if best["p_value"] < LEVEL and best.get("refused") else ""
 
 
-def _too_little(result, library, final):
+def _too_little(result, final):
     return ["These data move too little, or too much alike, to tell whether an effect is missing; see below what each "
             "effect needs.", _at_floor(result)]
 
@@ -519,7 +515,7 @@ def summary_undetectable(entries):
             for (why, experiment), effects in groups.items()]
 
 
-def summary_improvement(first, last, ladder, parameters, library=None):
+def summary_improvement(first, last, ladder, parameters):
     """The whole story of a search: what was missing, step by step, and what is left.
 
     Parameters
@@ -528,7 +524,6 @@ def summary_improvement(first, last, ladder, parameters, library=None):
         ``diagnosis.json`` and ``diagnosis_final.json``.
     ladder, parameters : dict
         ``ladder.json`` and ``parameters.json``.
-    library : Library, optional
 
     Returns
     -------
@@ -536,12 +531,12 @@ def summary_improvement(first, last, ladder, parameters, library=None):
     """
     steps, units = ladder["steps"], ladder["units"]
     if len(steps) == 1:
-        return summary_diagnosis(first, library)
+        return summary_diagnosis(first)
     lines = [f"Base model: error {errors_text(steps[0]['error'], units)}"
              + (f"; held-out {errors_text(steps[0]['held_out_error'], units)}" if steps[0]["held_out_error"] else "")
              + "."]
     for before, step in zip(steps, steps[1:]):
-        lines += _step(before, step, first, parameters, library, units)
+        lines += _step(before, step, first, parameters, units)
     best, added = first["candidates"][0], [(s["added"]["effect"], s["added"]["place"]) for s in steps[1:]]
     if best["accepted"] and (best["effect"], best["place"]) not in added:
         lines.append(f"{best['effect']} at {best['place']} was found first, in place of these, and is not needed "
@@ -550,14 +545,14 @@ def summary_improvement(first, last, ladder, parameters, library=None):
         lines.append(f"In all: error {change_text(steps[0]['error'], steps[-1]['error'], units)}; "
                      f"held-out {change_text(steps[0]['held_out_error'], steps[-1]['held_out_error'], units)}.")
     lines.append(f"Noise floor: {errors_text(last['noise_floor'], units)}.")
-    return [*lines, *summary_diagnosis(last, library, final=True)]
+    return [*lines, *summary_diagnosis(last, final=True)]
 
 
-def _step(before, step, first, parameters, library, units):
+def _step(before, step, first, parameters, units):
     """An effect that was added: its coefficients in the final model, what was expected of it, and what it brought."""
     name, place = step["added"]["effect"], step["added"]["place"]
     found = next((c for c in first["candidates"] if c["accepted"] and (c["effect"], c["place"]) == (name, place)), None)
-    base = component_name(find_effect(library, name), Place(place, ())) if library else ""
+    base = component_called(name, place)
     numbers = ", ".join(coefficient_text(n[len(base) + 1:], p) for n, p in parameters["parameters"].items()
                         if n.startswith(f"{base}."))
     sure = f" (p = {number(found['p_value'])} family-wise)" if found else ""
@@ -567,7 +562,7 @@ def _step(before, step, first, parameters, library, units):
              + (f" (predicted {errors_text(step['predicted_error'], units)})" if step["predicted_error"] else "")
              + (f"; held-out {change_text(before['held_out_error'], step['held_out_error'], units)}"
                 if step["held_out_error"] else "") + "."]
-    return lines + (alternatives_text(found, library) if found else [])
+    return lines + (alternatives_text(found) if found else [])
 
 
 def summary_addition(made):

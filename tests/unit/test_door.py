@@ -17,6 +17,9 @@ from matplotlib.axes import Axes
 import pycosim as pc
 import pycosim.project
 from pycosim.core.errors import DataError, StudyError, UnknownNameError
+from pycosim.data.checks.finding import SURE
+from pycosim.diagnosis.scores import LEVEL
+from pycosim.diagnosis.search import MOST as search_most
 from pycosim.project import open_project
 from pycosim.report import records
 from pycosim.study.parse import load_study
@@ -182,17 +185,110 @@ def test_every_object_shows_in_a_line_and_as_a_table(project, search):
         assert "<table" in thing._repr_html_() and isinstance(thing.to_frame(), pd.DataFrame)
 
 
-def test_what_a_verb_writes_an_object_saves(project, tmp_path):
-    compared, found = project.compare(), project.diagnose()
-    for thing, name in ((compared, "comparison"), (found, "diagnosis"), (project.check(), "check")):
+def recorded(project, search):
+    """Every result that has a file of its own, by the name of that file; a plan has its test beside the planner."""
+    return {"check": project.check(), "comparison": project.fit().compare(given=True), "parameters": search.final,
+            "diagnosis": project.diagnose(), "diagnosis_final": search.last, "search": search}
+
+
+def test_what_is_saved_is_loaded_and_shows_the_same(project, search, tmp_path):
+    for name, thing in recorded(project, search).items():
         kept = thing.save(tmp_path / f"{name}.json")
-        assert json.loads(kept.read_text()) == json.loads(records.to_json(thing.to_dict()))
-    again = pc.Comparison.load(tmp_path / "comparison.json")
-    assert repr(again) == repr(compared) and again.to_frame().equals(compared.to_frame())
-    with pytest.raises(pc.PycosimError, match="is no comparison.json"):
-        pc.Comparison.load(tmp_path / "diagnosis.json")
+        assert json.loads(kept.read_text()) == json.loads(records.to_json(thing.record))
+        again = type(thing).load(kept)
+        assert again.record == thing.record and again.to_dict() == thing.to_dict()
+        assert repr(again) == repr(thing) and again._repr_html_() == thing._repr_html_()
+        assert again.sentences == thing.sentences
+        pd.testing.assert_frame_equal(again.to_frame(), thing.to_frame())
+        with pytest.raises(FrozenInstanceError):
+            again.kept = None
+        again.to_dict().clear()
+        assert again.save(tmp_path / "again.json").read_text() == kept.read_text()
+
+
+def test_a_loaded_result_answers_what_its_file_holds_and_says_what_needs_the_log(project, search, tmp_path):
+    again = {n: type(t).load(t.save(tmp_path / f"{n}.json")) for n, t in recorded(project, search).items()}
+    found, fit, whole = again["diagnosis"], again["parameters"], again["search"]
+    assert found.best.name == "stribeck@2A" and found.best.coefficients == project.diagnose().best.coefficients
+    assert fit.params["s2A.mu"] == search.final.params["s2A.mu"] and fit.effects == ["stribeck@2A"]
+    assert fit.undetermined == search.final.undetermined
+    base = pc.Fitted.load(project.fit().save(tmp_path / "base.json"))
+    assert dict(base.params) == dict(project.fit().params) and base.params["s2B.f0"].stderr == np.inf
+    assert [s.added for s in whole.steps] == [None, "stribeck@2A"] and whole.last.final
+    pd.testing.assert_frame_equal(whole.steps[1].to_frame(), search.steps[1].to_frame())
+    assert not again["check"].blocking and again["check"].told == project.check().told
+    again["check"].refuse()
+    for drawn in (found.plot.candidates, fit.plot.intervals, whole.plot.path):
+        assert isinstance(drawn(), Axes)
+    for asked in (found.best.add, found.best.plot, found.plot.unexplained, fit.plot.residuals, fit.diagnose,
+                  fit.compare, whole.plot.signature, whole.files, lambda: fit.add("viscous@1A"),
+                  lambda: fit.held_out_error, lambda: whole.report(tmp_path / "page.html"),
+                  lambda: whole.save(tmp_path / "study.toml")):
+        with pytest.raises(pc.ResultError, match=r"json: a file of results holds no log .* pycosim.open\(\)"):
+            asked()
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_the_folder_of_a_search_is_loaded_as_well(search, tmp_path):
+    for name, content in search.files().items():
+        (tmp_path / name).write_text(content if isinstance(content, str) else records.to_json(content))
+    again = pc.Search.load(tmp_path)
+    assert repr(again) == repr(search) and again.sentences == search.sentences
+    (tmp_path / "ladder.json").unlink()
+    with pytest.raises(pc.ResultError, match="ladder.json: cannot be read"):
+        pc.Search.load(tmp_path)
+
+
+def test_a_log_with_a_mistake_is_refused_by_its_loaded_check_too(project, tmp_path):
+    from pycosim.data.checks import Checked, Finding
+    wrong = Finding("sign", "tau1 has the wrong sign", ["tau1"], 0.97, mend="tau1 = 1", times=[[0.0, 1.5]])
+    made = pc.Check(Checked([wrong], ["swap"]), project.study)
+    again = pc.Check.load(made.save(tmp_path / "check.json"))
+    assert again.blocking and again.sentences == made.sentences and again.to_frame().equals(made.to_frame())
+    with pytest.raises(DataError, match="check.json: tau1 has the wrong sign .*accept"):
+        again.refuse()
+    answered = pc.Check(Checked([wrong], ["sign"]), project.study)
+    assert not pc.Check.load(answered.save(tmp_path / "check.json")).blocking
+
+
+def test_a_result_names_the_thresholds_that_decided_it(project, search):
+    told = {name: thing.record["thresholds"] for name, thing in recorded(project, search).items()
+            if name not in ("comparison", "search")} | {"ladder": search.to_dict()["thresholds"]}
+    assert told["diagnosis"]["level"]["value"] == LEVEL and told["ladder"]["most"]["value"] == search_most
+    assert told["check"]["stops"]["value"] == SURE
+    for table in told.values():
+        assert all(isinstance(t["value"], (int, float)) and len(t["means"].split()) > 3 for t in table.values())
+
+
+def broken(record):
+    """Ways in which a file of results is none."""
+    text = records.to_json(record)
+    inside = {**record, **{k: 7 for k in ("candidates", "findings", "parameters", "by", "ladder") if k in record}}
+    return {"cut off": (text[:len(text) // 2], "no whole file of JSON beyond line"),
+            "empty": ("", "no whole file of JSON"), "endless": ("[" * 100_000, "no whole file of JSON"),
+            "no text": (b"\xff\xfe\x00", "no whole file of JSON"),
+            "of a newer schema": (records.to_json({**record, "schema": 2}), "has schema 2, and this pycosim knows 1"),
+            "a list": ("[1, 2]", "is no "), "foreign": ('{"schema": "https://x.org", "error": 1}', "is no "),
+            "of another shape": (records.to_json(inside), "something in it is missing or of another kind")}
+
+
+def test_a_file_that_is_no_result_is_refused_in_a_sentence(project, search, tmp_path):
+    path = tmp_path / "result.json"
+    things = recorded(project, search)
+    for thing in things.values():
+        for content, why in broken(thing.record).values():
+            path.write_bytes(content if isinstance(content, bytes) else content.encode())
+            with pytest.raises(pc.ResultError, match=why) as told:
+                type(thing).load(path)
+            assert str(told.value).startswith(str(path)) and "\n" not in str(told.value)
+    things["comparison"].save(path)
+    with pytest.raises(pc.ResultError, match="is no diagnosis.json.*; it is a comparison.json, which "
+                                             "pycosim.Comparison.load reads"):
+        pc.Diagnosis.load(path)
+    with pytest.raises(pc.ResultError, match="nowhere.json: cannot be read"):
+        pc.Check.load(tmp_path / "nowhere.json")
     with pytest.raises(pc.PycosimError, match="cannot be written"):
-        found.save(tmp_path / "nowhere" / "diagnosis.json")
+        things["diagnosis"].save(tmp_path / "nowhere" / "diagnosis.json")
 
 
 def test_errors_have_dimensions(project):

@@ -43,7 +43,7 @@ def _all(dataset, improvement):
         "signature": drawings.signature(dataset, base, last, steps[1].added),
         "maps": drawings.first_maps(dataset, *base)[0],
         "intervals": drawings.intervals(records.parameters(*reversed(last), 0)),
-        "ladder": drawings.ladder(dataset, steps, floor), "candidates": drawings.candidates(improvement.first)}
+        "ladder": drawings.ladder(dataset.units, steps, floor), "candidates": drawings.candidates(improvement.first)}
     return {name: figures.figure(plot) for name, plot in plots.items()}
 
 

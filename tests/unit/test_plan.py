@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from pycosim.cli import main
 from pycosim.compile import Library
 from pycosim.control.trajectories import from_file
-from pycosim.core.errors import PlanError
+from pycosim.core.errors import PlanError, PycosimError
 from pycosim.design.information import ChannelNoise
 from pycosim.design.motion import REST, TRANSFER, Stroke, assemble, ordered, profile
 from pycosim.design.optimiser import Optimiser, prior_of
-from pycosim.design.plan import foreseen, hidden_of, known, make_plan, motion_of, separations
-from pycosim.project import open_project
+from pycosim.design.plan import foreseen, hidden_of, known, make_plan, motion_of, separations, table
+from pycosim.project import Plan, open_project
 from pycosim.study.parse import load_study
 from pycosim.study.schema import Setting, Study
 
@@ -201,6 +201,21 @@ def test_an_effect_whose_torques_have_no_closed_form_is_left_out_and_told():
     assert notes[0].endswith("What shows it: repeat the passes with three payloads or more.")
 
 
+def test_a_saved_plan_is_loaded_with_its_motion_sample_by_sample(one, tmp_path):
+    made = Plan(one)
+    again = Plan.load(made.save(tmp_path / "plan.json"))
+    assert again.record == made.record and repr(again) == repr(made) and again._repr_html_() == made._repr_html_()
+    assert again.sentences == made.sentences
+    for frame in (made.to_frame(), again.to_frame()):
+        pd.testing.assert_frame_equal(frame, pd.DataFrame(table(["motor"], one.motion)), check_exact=True)
+    assert again.to_csv(tmp_path / "a.csv").read_text() == made.to_csv(tmp_path / "b.csv").read_text()
+    with pytest.raises(PycosimError, match="plan.json: a file of results holds no log"):
+        again.plot.motion()
+    (tmp_path / "plan.json").write_text(json.dumps({**made.record, "ways": {}}))
+    with pytest.raises(PycosimError, match="something in it is missing"):
+        Plan.load(tmp_path / "plan.json")
+
+
 @pytest.mark.long
 def test_a_plan_to_detect_says_what_it_shows_what_takes_longer_and_what_nothing_shows(tmp_path, monkeypatch):
     monkeypatch.setattr("pycosim.design.plan.PATIENCE", 6.0)
@@ -233,6 +248,7 @@ def test_the_verb_writes_a_motion_that_a_scenario_reads(tmp_path, capsys, monkey
     motion = pd.read_csv(tmp_path / "plan" / "plan.csv")
     assert list(motion) == ["time", "motor1.phi", "motor2.phi", "motor1.w", "motor2.w", "manoeuvre"]
     assert motion.time.iloc[-1] == pytest.approx(result["duration"]) and result["duration"] <= 110
+    pd.testing.assert_frame_equal(Plan.load(tmp_path / "plan" / "plan.json").to_frame(), motion, atol=1e-8)
     model = load_study(STUDY).validate(LIBRARY)
     read = from_file(tmp_path / "plan" / "plan.csv", model, {n: v.value for n, v in model.parameters.items()}, 100.0)
     np.testing.assert_allclose(read.columns["ref.motor1.phi"], motion["motor1.phi"], atol=1e-6)

@@ -1,0 +1,69 @@
+"""Nothing in but the modules that decide; the thresholds that a result hangs on, with what each means, out.
+
+Each value stands once, with its reason and its source, where it is used; a result names it so that whoever reads the
+file alone knows what was asked of the data.
+"""
+
+from __future__ import annotations
+
+from ..data.checks import finding
+from ..design import plan
+from ..diagnosis import constancy, decide, dependence, lack_of_fit, remainder, scores, search
+from ..fit import least_squares, nullspace
+
+_EVIDENCE = {
+    "level": (scores, "LEVEL", "family-wise p-value below which a candidate counts"),
+    "relevant": (dependence, "RELEVANT", "least share of the error's energy that a candidate must take to matter"),
+    "bound_pressed": (scores, "PRESSED", "variances of the noise that leaving a bound must win for a parameter "
+                                         "to press against it"),
+    "separate": (decide, "SEPARATE", "standard errors by which unseen folds must tell two candidates apart"),
+    "alike": (decide, "ALIKE", "share of what the best candidate takes that an alternative may leave"),
+    "left": (remainder, "LEFT", "share of what a candidate takes that one variable may still explain of the rest"),
+    "varies": (constancy, "LACK", "share of what a candidate takes that it may gain where its coefficient varies"),
+    "varies_sure": (constancy, "SURE", "standard errors by which a varying coefficient must predict unseen data "
+                                         "better"),
+}
+_REST = {
+    "depends": (dependence, "ALARM", "standard errors by which a dependence must lower the error on unseen blocks"),
+    "above_floor": (decide, "SLOW", "squared error over that of the noise floor above which something is left"),
+    "visible": (decide, "VISIBLE", "error over the size of the signal above which something is left"),
+    "guess": (lack_of_fit, "ENOUGH", "share of the energy beyond noise that a guessed shape must explain on "
+                                     "unseen folds"),
+    "shown": (scores, "SEEN", "standard errors that an effect's largest size must exceed for the log to show it"),
+}
+_TABLES = {
+    "check": {"stops": (finding, "SURE", "certainty from which a mistake of wiring or units stops a search")},
+    "parameters": {
+        "undetermined": (least_squares, "NULL", "eigenvalue of the scaled normal matrix below which a combination is "
+                                                "not determined"),
+        "hardly": (nullspace, "HARDLY", "correlation from which two parameters are told as hard to tell apart"),
+        "at_bound": (least_squares, "MARGIN", "half the distance from a bound, over the nominal value, within which a "
+                                              "parameter is at it")},
+    "diagnosis": {**_EVIDENCE, **_REST},
+    "ladder": {**_EVIDENCE, "most": (search, "MOST", "effects that one search may add")},
+    "plan": {"separate": (plan, "SEPARATE", "squares of the noise's standard deviation by which two candidates must "
+                                            "differ to count as told apart"),
+             "same": (plan, "ALIKE", "squares of the noise's standard deviation below which they are one")},
+}
+
+
+def thresholds(kind):
+    """Thresholds that decided a result.
+
+    Parameters
+    ----------
+    kind : {"check", "parameters", "diagnosis", "ladder", "plan"}
+        The result, by the name of its file.
+
+    Returns
+    -------
+    dict of str to dict
+        ``value``, and ``means``, in words with its unit.
+
+    Examples
+    --------
+    >>> thresholds("diagnosis")["level"]["means"]
+    'family-wise p-value below which a candidate counts'
+    """
+    return {name: {"value": getattr(module, constant), "means": means}
+            for name, (module, constant, means) in _TABLES[kind].items()}
