@@ -2,6 +2,9 @@
 
     python -m benchmarks.paper.run [--seeds 100]
 
+A log is identified twice, without and with its reference, and nothing is searched for: no item is an improve of a
+study, so the seeds go through `pycosim.core.executors.each`, the loop below the many-studies engine.
+
 Prints, for every parameter and for the identifiable combinations, the error and how often the 95 % interval holds the
 truth; and the table of RMSE and NRMSE beside the paper's.
 """
@@ -15,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.hidden_effects import machine as rig
-from pycosim.core.executors import executor
+from pycosim.core.executors import each
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 TRUTH = {f"s{s}.{p}": rig.PAPER[p][s] for s in ("1A", "2A", "1B", "2B") for p in ("f0", "mu")}
@@ -73,9 +76,7 @@ def main():
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--on", default="processes", help="or serial, threads, dask://host:port")
     args = parser.parse_args()
-    with executor(args.on, args.workers) as pool:
-        rows = list(pool.map(case, range(args.seeds)))
-    report(rows)
+    report([f.result() for _, f in each({s: (case, s) for s in range(args.seeds)}, args.on, args.workers)])
 
 
 def report(rows):

@@ -3,7 +3,9 @@
     python -m benchmarks.plan.run [--seeds 50] [--plans 5] [--twin-seeds 30] [--pairs 10] [--seed 1000]
 
 Logs come from the independently written machine of `benchmarks.hidden_effects`; each plan is made from a first log of
-the six manoeuvres and from nothing else.
+the six manoeuvres and from nothing else. Logs are fitted with the model that made them, and nothing is searched for: no
+item is an improve of a study, so plans and fits go through `pycosim.core.executors.each`, the loop below the
+many-studies engine.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import numpy as np
 
 from benchmarks.hidden_effects import machine as rig
 from benchmarks.paper.run import STUDY, TRUTH, combination
-from pycosim.core.executors import executor
+from pycosim.core.executors import each
 
 REFERENCES = ("gravity_model", "unknown")
 
@@ -95,22 +97,24 @@ def case(arguments):
     return found
 
 
-def compared(reference, seeds, plans, pool):
+def compared(reference, seeds, plans, where, workers):
     """Print intervals and errors of plans and baseline, and what was predicted of the plans' intervals.
 
     Each plan is made from a log of its own; the seeds are shared out among them.
     """
     truth = {**TRUTH, "sum": sum(TRUTH[f"s{s}.f0"] * (1 + TRUTH[f"s{s}.mu"]) for s in ("1B", "2B"))}
-    rows, told, took = {"baseline": [], "plan": []}, [], []
-    for part in np.array_split(seeds, plans):
-        found, predicted, seconds = planned(reference, int(part[0]))
-        for kind, motion in (("baseline", baseline()), ("plan", as_machine(found.motion))):
-            rows[kind] += pool.map(case, [(motion, int(s), reference) for s in part[1:]])
+    parts = {int(part[0]): part[1:].tolist() for part in np.array_split(seeds, plans)}
+    made = {first: planned(reference, first) for first in parts}
+    motions = {first: {"baseline": baseline(), "plan": as_machine(found.motion)} for first, (found, *_) in made.items()}
+    work = {(kind, first, s): (case, (motions[first][kind], s, reference))
+            for first, part in parts.items() for kind in ("baseline", "plan") for s in part}
+    done = {key: future.result() for key, future in each(work, where, workers)}
+    rows, told = {kind: [done[key] for key in work if key[0] == kind] for kind in ("baseline", "plan")}, []
+    for first, (_, predicted, _) in made.items():
         _, low, high, _ = combination(predicted)
         widths = {**dict(zip(predicted.free, predicted.stderr)), "sum": (high - low) / 3.92}
-        new = rows["plan"][1 - len(part):]
-        told.append({n: widths[n] / np.mean([r[n][1] for r in new]) for n in truth})
-        took.append(seconds)
+        told.append({n: widths[n] / np.mean([done["plan", first, s][n][1] for s in parts[first]]) for n in truth})
+    took = [seconds for _, _, seconds in made.values()]
     print(f"\nreference {reference}: {plans} plans of at most {baseline().time[-1]:.1f} s, each from one log, made in "
           f"at most {max(took):.0f} s; {len(rows['plan'])} seeds")
     print(f"{'':8s} {'stderr base':>12s} {'plan':>9s} {'ratio':>6s} {'error ratio':>11s} {'predicted/realised':>18s} "
@@ -145,12 +149,11 @@ def main():
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--on", default="processes", help="or serial, threads, dask://host:port")
     args = parser.parse_args()
-    with executor(args.on, args.workers) as pool:
-        for reference in args.references if args.seeds else ():
-            compared(reference, range(args.seed, args.seed + args.seeds + args.plans), args.plans, pool)
-        if args.pairs:
-            from benchmarks.plan import twins
-            twins.report(args.pairs, range(args.seed, args.seed + args.twin_seeds + 1), pool)
+    for reference in args.references if args.seeds else ():
+        compared(reference, range(args.seed, args.seed + args.seeds + args.plans), args.plans, args.on, args.workers)
+    if args.pairs:
+        from benchmarks.plan import twins
+        twins.report(args.pairs, range(args.seed, args.seed + args.twin_seeds + 1), args.on, args.workers)
 
 
 if __name__ == "__main__":

@@ -72,7 +72,7 @@ def planned(pair, seed):
     return found.motion, plan.separations(found)
 
 
-def report(pairs, seeds, pool):
+def report(pairs, seeds, where, workers):
     """Print how often the right one is named, after the six manoeuvres and after the plan.
 
     Parameters
@@ -80,16 +80,22 @@ def report(pairs, seeds, pool):
     pairs : int
     seeds : sequence of int
         Of the log that is planned from, then of those that are looked at.
-    pool : concurrent.futures.Executor
+    where, workers
+        As for `pycosim.core.executors.executor`.
     """
     from benchmarks.plan.run import as_machine, baseline
+    from pycosim.core.executors import each
     print(f"\ntwins, {len(seeds) - 1} seeds: share in which the right one predicts unseen folds better, and by more "
           "than 1.645 standard errors")
-    for pair in PAIRS[:pairs]:
-        motion, told = planned(pair, seeds[0])
+    some = PAIRS[:pairs]
+    made = [planned(pair, seeds[0]) for pair in some]
+    work = {(k, moved, s): (case, (as_machine(made[k][0]) if moved else baseline(), s, pair))
+            for k, pair in enumerate(some) for moved in (False, True) for s in seeds[1:]}
+    done = {key: future.result() for key, future in each(work, where, workers)}
+    for k, (pair, (_, told)) in enumerate(zip(some, made)):
         shares = []
-        for m in (baseline(), as_machine(motion)):
-            rows = list(pool.map(case, [(m, s, pair) for s in seeds[1:]]))
+        for moved in (False, True):
+            rows = [done[k, moved, s] for s in seeds[1:]]
             shares.append((np.mean([r[0] > SAME for r in rows]), np.mean([r[0] > SAME and r[1] > 1.645 for r in rows])))
         (true, other), (before, after) = pair, shares
         name = f"{true[0]}@{true[1]} not {other[0]}@{other[1]}"

@@ -15,13 +15,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects import machine as rig
+from pycosim.core.executors import each
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 SEED = 5  # a log without torque reference of this seed once had a false effect on some processors and none on others
@@ -188,11 +188,14 @@ def compare(kinds, asked, workers=1):
     answers : dict of str to dict
         By world.
     """
-    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(workers) as pool:
+    with tempfile.TemporaryDirectory() as name:
         make(Path(name), kinds)
-        waiting = {kind: {world: pool.submit(ask, Path(name), world, kind) for world in asked} for kind in kinds}
-        for kind, futures in waiting.items():
-            yield kind, {world: future.result() for world, future in futures.items()}
+        told = {kind: {} for kind in kinds}
+        work = {(kind, world): (ask, Path(name), world, kind) for kind in kinds for world in asked}
+        for (kind, world), future in each(work, "threads", workers):  # each waits for a process with its processor set
+            told[kind][world] = future.result()
+            if len(told[kind]) == len(asked):
+                yield kind, {world: told[kind][world] for world in asked}
 
 
 def report(kind, answers):

@@ -35,7 +35,7 @@ def page():
         errors = " -> ".join(number(s.held_out_error[channel]) for s in result.steps)
         yield f"Held-out error of `{channel}`, step by step: {errors}; what is left: `{result.last.verdict}`.\n"
         for step, before in zip(result.steps[1:], result.steps):
-            finding = step.step.finding
+            finding = step.fitted.reached.finding
             yield f"**Added: {finding.effect} at {finding.place}.**"
             yield f"{cards.sentence(library, finding, before.error)}"
             yield (f"Predicted: {number(finding.predicted_error[channel])}; realised: "

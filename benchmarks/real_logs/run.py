@@ -23,7 +23,6 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -31,16 +30,16 @@ from pathlib import Path
 from benchmarks.real_logs import cases
 from benchmarks.real_logs.make import ROOT, make
 from benchmarks.real_logs.score import fits, names, score, wrong_alternatives
+from benchmarks.rows import append, known
+from pycosim.core.executors import each
 
 LIMIT_SECONDS, LIMIT_BYTES = 300, 4 << 30
 """Of the processor's time, so that a busy machine changes nothing; five times as long by the clock."""
-PROGRAM = ["pycosim.cli"]
-"""Module that is run; `--bare` leaves its drawings out."""
 SPECIAL = ("measured", "scenario")
 MEASURED = ("screw_drives/drive1", "screw_drives/drive2", "servo_pendulum/study", "emps/study", "double_pendulum/study")
 
 
-def run(case, verb="improve", keep=None):
+def run(case, verb="improve", keep=None, bare=False):
     """Make a case, run a verb on it, and say what came of it.
 
     Parameters
@@ -50,6 +49,8 @@ def run(case, verb="improve", keep=None):
         improve or diagnose.
     keep : Path, optional
         Folder to leave logs and results in.
+    bare : bool
+        As of `call`.
 
     Returns
     -------
@@ -65,26 +66,29 @@ def run(case, verb="improve", keep=None):
             return {**row, "skipped": str(error)}
         truth = json.loads((folder / "truth.json").read_text())
         row |= {n: truth[n] for n in ("hidden", "coefficients", "sizes", "samples", "floor", "own_size")}
-        row |= call(verb, study, folder / "out")
+        row |= call(verb, study, folder / "out", bare)
         if case.condition == "mistake":
             row["findings"] += findings(study, folder / "check")
     row["score"] = score(row)
     return row
 
 
-def call(verb, study, out):
+def call(verb, study, out, bare=False):
     """Run a verb of the command line on a study, within limits; what it said, as plain values.
 
     Parameters
     ----------
     verb : str
     study, out : Path
+    bare : bool
+        Leave figures and the page out: they decide nothing.
 
     Returns
     -------
     dict
     """
-    code, text, errors, peak, spent = _command([verb, str(study), "--out", str(out), "--quiet"])
+    code, text, errors, peak, spent = _command([verb, str(study), "--out", str(out), "--quiet",
+                                                *(["--bare"] if bare and verb == "improve" else [])])
     found = {"seconds": round(spent, 1), "peak_mib": round(peak / 2 ** 20), "exit": code,
              "verdict": None, "final": None, "steps": [], "depends": [], "findings": [], "blocked": False,
              "failure": ""}
@@ -120,7 +124,7 @@ def _command(arguments):
         resource.setrlimit(resource.RLIMIT_CPU, (LIMIT_SECONDS, LIMIT_SECONDS))
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     with tempfile.TemporaryFile("w+") as text, tempfile.TemporaryFile("w+") as errors:
-        child = subprocess.Popen([sys.executable, "-m", PROGRAM[0], *arguments], stdout=text, stderr=errors,
+        child = subprocess.Popen([sys.executable, "-m", "pycosim.cli", *arguments], stdout=text, stderr=errors,
                                  env=environment, preexec_fn=limited)
         code, peak, spent, stop = None, 0, 0.0, time.monotonic() + 5 * LIMIT_SECONDS
         while time.monotonic() < stop and code is None:
@@ -162,13 +166,15 @@ SCENARIOS = ("six_manoeuvres", "gait", "backdrive", "standstill")
 SENSED = {"theta": "quantum = 3.834952e-4", "tau": "noise = 6e-3", "C": "noise = 0.03", "q": "quantum = 9.587380e-5"}
 
 
-def scenario(name, seed):
+def scenario(name, seed, bare=False):
     """Co-simulate a scenario of the examples with seeded noise and steps, nothing hidden, and improve its log.
 
     Parameters
     ----------
     name : str
     seed : int
+    bare : bool
+        As of `call`.
 
     Returns
     -------
@@ -190,17 +196,19 @@ def scenario(name, seed):
         study = there / "study.toml"
         study.write_text((ROOT / "examples" / "hip_knee" / "study.toml").read_text().replace(
             "runs = []", 'runs = ["out/run.csv"]', 1))
-        row |= call("improve", study, there / "improved")
+        row |= call("improve", study, there / "improved", bare)
     return {**row, "score": score(row)}
 
 
-def measured(name):
+def measured(name, bare=False):
     """Improve a study of `examples` on measured data.
 
     Parameters
     ----------
     name : str
         Path below `examples`, without its end.
+    bare : bool
+        As of `call`.
 
     Returns
     -------
@@ -211,7 +219,7 @@ def measured(name):
     if not study.exists():
         return {**row, "skipped": f"no {study}"}
     with tempfile.TemporaryDirectory() as out:
-        return row | call("improve", study, Path(out) / "out")
+        return row | call("improve", study, Path(out) / "out", bare)
 
 
 # --- summary
@@ -312,7 +320,6 @@ def main():
         if args.table:
             args.table.write_text(lines + "\n")
         return
-    PROGRAM[0] = "benchmarks.real_logs.bare" if args.bare else PROGRAM[0]
     wanted = list(cases.CONDITIONS) if args.conditions == "all" else args.conditions.split(",")
     planned = cases.listed([c for c in wanted if c not in SPECIAL], args.seeds, args.first, args.hidden, args.quick)
     if args.cases:
@@ -320,21 +327,23 @@ def main():
     if args.list:
         print("\n".join(c.name for c in planned))
         return
-    work = [partial(run, c, args.verb, args.keep) for c in planned]
-    work += [partial(scenario, name, s) for s in range(args.first, args.first + args.seeds) for name in SCENARIOS
-             if "scenario" in wanted]
-    work += [partial(measured, name) for name in MEASURED if "measured" in wanted]
+    work = [partial(run, c, args.verb, args.keep, args.bare) for c in planned]
+    work += [partial(scenario, name, s, args.bare) for s in range(args.first, args.first + args.seeds)
+             for name in SCENARIOS if "scenario" in wanted]
+    work += [partial(measured, name, args.bare) for name in MEASURED if "measured" in wanted]
     _work(work, args)
 
 
 def _work(work, args):
-    """Run what the output file does not hold yet; a row a line, as they come."""
-    known = [json.loads(line)["case"] for line in args.out.read_text().splitlines()] if args.out.exists() else []
-    with args.out.open("a") as out, ThreadPoolExecutor(args.jobs) as pool:
-        for row in pool.map(lambda one: one(), [w for w in work if _name(w) not in known]):
-            out.write(json.dumps(row, default=float) + "\n")
-            out.flush()
-            print(row.get("score", row.get("skipped", "")), row["case"], flush=True)
+    """Run what the output file does not hold yet; a row a line, as they come.
+
+    Each is a process of its own, with limits of time and memory that a worker of the many-studies engine could not have
+    of itself; threads only wait for them.
+    """
+    done = {row["case"] for row in known(args.out)}
+    left = {_name(one): (one,) for one in work if _name(one) not in done}
+    for row in append(args.out, (future.result() for _, future in each(left, "threads", args.jobs))):
+        print(row.get("score", row.get("skipped", "")), row["case"], flush=True)
 
 
 def _name(work):

@@ -7,17 +7,19 @@ import hashlib
 import json
 import os
 import time
-from concurrent.futures import as_completed
 from pathlib import Path
 
 from ..core.errors import PycosimError
-from ..core.executors import executor, lost
+from ..core.executors import each, lost
 
 TABLE = "studies.csv"
+IMPORTS = ("pycosim.cli.verbs", "pycosim.project", "pycosim.report.figures", "pycosim.report.page",
+           "matplotlib.backends.backend_agg", "matplotlib.backends.backend_pdf", "plotly.offline")
+"""What every process would import by itself: 2 s of a core each, where a study takes 10."""
 COLUMNS = ("study", "verdict", "added", "error", "held_out_error", "seconds", "failure", "given")
 
 
-def improve_all(studies, out, where="serial", workers=None, robust=False, progress=None):
+def improve_all(studies, out, where="serial", workers=None, robust=False, progress=None, bare=False):
     """Improve every study; what was done before, with the same study and logs, is not done again.
 
     Parameters
@@ -31,6 +33,8 @@ def improve_all(studies, out, where="serial", workers=None, robust=False, progre
     robust : bool
     progress : callable, optional
         Called with a sentence as studies end.
+    bare : bool
+        Write neither figures nor the page.
 
     Returns
     -------
@@ -45,10 +49,9 @@ def improve_all(studies, out, where="serial", workers=None, robust=False, progre
     say = progress or (lambda text: None)
     out.mkdir(parents=True, exist_ok=True)
     folders, rows = _folders(studies), _known(out / TABLE)
-    work = {s: (*(str(Path(p).absolute()) for p in (s, out / folders[s])), robust) for s in studies}
-    given = {s: _given(s, robust) for s in studies}
+    work = {s: (*(str(Path(p).absolute()) for p in (s, out / folders[s])), robust, bare) for s in studies}
+    given = {s: _given(s, robust, bare) for s in studies}
     rows = {s: rows[str(s)] for s in studies if _done(rows.get(str(s)), given[s], out / folders[s])}
-    killed = []
 
     def keep(study, row):
         rows[study] = {**row, "study": str(study), "given": given[study]}
@@ -56,37 +59,21 @@ def improve_all(studies, out, where="serial", workers=None, robust=False, progre
         failed = sum(bool(r["failure"]) for r in rows.values())
         say(f"{len(rows)} of {len(studies)} studies done{f', {failed} failed' if failed else ''}")
 
-    with executor(where, workers) as pool:
-        futures = {pool.submit(improve_one, *work[s]): s for s in studies if s not in rows}
-        for future in as_completed(futures):
-            try:
-                row = future.result()
-            except Exception as error:  # of all that were under way, one ended the pool: each again, by itself
-                if not lost(error):
-                    raise
-                killed.append(futures[future])
-            else:
-                keep(futures[future], row)
-    for study in killed:
-        try:
-            with executor(where, 1) as pool:
-                row = pool.submit(improve_one, *work[study]).result()
-        except Exception as error:
-            if not lost(error):
-                raise
-            row = _failed(study, 0.0, "its process was killed, perhaps for want of memory")
-        keep(study, row)
+    left = {s: (improve_one, *work[s]) for s in studies if s not in rows}
+    for study, future in each(left, where, workers, IMPORTS):
+        keep(study, _failed(study, 0.0, "its process was killed, perhaps for want of memory")
+             if lost(future.exception()) else future.result())
     _write(out / TABLE, [rows[s] for s in studies])
     return [rows[s] for s in studies]
 
 
-def improve_one(study, folder, robust=False):
+def improve_one(study, folder, robust=False, bare=False):
     """Improve one study as ``pycosim improve`` does.
 
     Parameters
     ----------
     study, folder : str
-    robust : bool
+    robust, bare : bool
 
     Returns
     -------
@@ -98,7 +85,8 @@ def improve_one(study, folder, robust=False):
     from .progress import Progress
     start = time.monotonic()
     try:
-        arguments = parse(["improve", study, "--out", folder, "--quiet", *(["--robust"] if robust else [])])
+        options = [f"--{name}" for name, wanted in (("robust", robust), ("bare", bare)) if wanted]
+        arguments = parse(["improve", study, "--out", folder, "--quiet", *options])
         run_verb(arguments, Progress(quiet=True))
     except PycosimError as error:
         return _failed(study, time.monotonic() - start, str(error))
@@ -131,10 +119,10 @@ def _folders(studies):
     return found
 
 
-def _given(study, robust):
+def _given(study, *options):
     """Hash of what a study's result depends on: its text, and name, size and time of its logs and Modelica files."""
     from ..study.parse import load_study
-    made = hashlib.sha256(str(robust).encode())
+    made = hashlib.sha256(str(options).encode())
     try:
         known = load_study(study)
         made.update(Path(study).read_bytes())

@@ -161,6 +161,7 @@ def _improve_options(sub):
                      help="where several studies are computed: serial (default), threads, processes, or "
                           "dask://HOST:PORT")
     sub.add_argument("--workers", type=int, metavar="N", help="threads or processes (default: one a core)")
+    sub.add_argument("--bare", action="store_true", help="results alone, no figures and no page: some seconds less")
 
 
 def _app_options(sub):
@@ -268,7 +269,7 @@ def parse(argv):
         known += [*EXPORT, "--self-contained"] if known and arguments.verb == "export" else []
         known += ["--robust"] if known and arguments.verb in ROBUST else []
         known += ["--fmu"] if known and arguments.verb == "identify" else []
-        known += ["--on", "--workers"] if known and arguments.verb == "improve" else []
+        known += ["--on", "--workers", "--bare"] if known and arguments.verb == "improve" else []
         known += NEW if known and arguments.verb == "new" else []
         known += PLAN if known and arguments.verb == "plan" else []
         if known and arguments.verb == "cosim":

@@ -159,9 +159,11 @@ def _improve(run, arguments):
     for name, content in found.files().items():
         run.write(name, content)
     found.save(run.folder.file("study.toml"))
+    run.lines += [*found.sentences, *found.changes, *found.final.sentences]
+    if getattr(arguments, "bare", False):
+        return
     run.draw("write_figures", found.found)
     found.report(run.folder.file("report.html"), run.folder.file("data") if run.verb == "report" else None)
-    run.lines += [*found.sentences, *found.changes, *found.final.sentences]
 
 
 def _export(run, arguments):
@@ -237,7 +239,8 @@ def improve_many(arguments, progress):
     """
     from .batch import COLUMNS, TABLE, improve_all
     start, out = time.monotonic(), Path(arguments.out or "studies_improve")
-    rows = improve_all(arguments.studies, out, arguments.on, arguments.workers, arguments.robust, progress)
+    rows = improve_all(arguments.studies, out, arguments.on, arguments.workers, arguments.robust, progress,
+                       arguments.bare)
     if arguments.json:
         return records.to_json({"schema": 1, "studies": rows})
     told = [[str(row[c]) for c in COLUMNS[:3]] + [row["failure"] or row["held_out_error"] or row["error"]]

@@ -1,4 +1,4 @@
-"""A word for where to compute in; an executor of Python's `concurrent.futures` out."""
+"""A word for where to compute, and work, in; an executor of Python's `concurrent.futures`, and what was done, out."""
 
 from __future__ import annotations
 
@@ -6,7 +6,15 @@ import multiprocessing
 import os
 import signal
 import threading
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    as_completed,
+    wait,
+)
 from contextlib import contextmanager
 
 from .errors import PycosimError, closest
@@ -46,7 +54,7 @@ class Serial(Executor):
 
 
 @contextmanager
-def executor(where, workers=None):
+def executor(where, workers=None, imports=()):
     """Where to compute.
 
     Parameters
@@ -55,6 +63,9 @@ def executor(where, workers=None):
         ``serial``, ``threads``, ``processes``, or ``dask://host:port``, a scheduler of dask.distributed.
     workers : int, optional
         Threads or processes; as many as there are cores by default.
+    imports : sequence of str
+        Modules that all the work needs. Where the system can fork, one process of Python's own imports them once, and
+        the workers are forked from it; what the environment says then is what they know.
 
     Yields
     ------
@@ -77,17 +88,74 @@ def executor(where, workers=None):
     workers, others = workers or os.cpu_count() or 1, multiprocessing.active_children()
     if where == "threads":
         pool = ThreadPoolExecutor(workers)
-    else:  # spawned: a fork would copy locks that other threads hold
-        pool = _Processes(workers, multiprocessing.get_context("spawn"))
+    else:
+        pool = _Processes(workers, _begun(imports))
     try:
         yield pool
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, GeneratorExit):  # the latter where who took results of `each` stops taking them
         for process in multiprocessing.active_children():
             if process not in others:
                 process.terminate()
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def each(work, where="serial", workers=None, imports=()):
+    """Do pieces of work that do not need each other; every loop over studies, cases and seeds is this one.
+
+    A piece whose process was killed is done again, by itself: of all that were under way, one ended the pool.
+
+    Parameters
+    ----------
+    work : dict
+        By key, a function and its arguments; what is done elsewhere must be known there by name.
+    where, workers, imports
+        As for `executor`.
+
+    Yields
+    ------
+    key : object
+    future : concurrent.futures.Future
+        Finished, as pieces come; its ``result()`` raises what the work raised. `lost` tells of one that was killed
+        again.
+
+    Raises
+    ------
+    ExecutorError
+        There is nowhere of that name to compute.
+
+    Examples
+    --------
+    >>> {key: future.result() for key, future in each({"two": (abs, -2), "one": (abs, -1)})}
+    {'two': 2, 'one': 1}
+    """
+    killed = []
+    with executor(where, workers, imports) as pool:
+        if isinstance(pool, Serial):  # one after the other, so that each is told before the next begins
+            done = ((pool.submit(*piece), key) for key, piece in work.items())
+        else:
+            futures = {pool.submit(*piece): key for key, piece in work.items()}
+            done = ((future, futures[future]) for future in as_completed(futures))
+        for future, key in done:
+            if lost(future.exception()):
+                killed.append(key)
+            else:
+                yield key, future
+    for key in killed:
+        with executor(where, 1, imports) as pool:
+            future = pool.submit(*work[key])
+            wait([future])
+        yield key, future
+
+
+def _begun(imports):
+    """How processes begin: never as a fork of this one, which would copy locks that its threads hold."""
+    if not imports or "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(imports))
+    return context
 
 
 class _Processes(ProcessPoolExecutor):
@@ -108,7 +176,7 @@ def lost(error):
 
     Parameters
     ----------
-    error : Exception
+    error : Exception or None
         Of its future.
 
     Returns
@@ -133,4 +201,4 @@ def _dask(address):
         yield pool
 
 
-__all__ = ["ExecutorError", "Serial", "executor", "lost"]
+__all__ = ["ExecutorError", "Serial", "each", "executor", "lost"]

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -11,12 +12,13 @@ from pathlib import Path
 
 import pytest
 
+import pycosim as pc
 from pycosim.cli import batch
 from pycosim.cli.entry import main
-from pycosim.core.executors import ExecutorError, executor
+from pycosim.core.executors import ExecutorError, each, executor
 
 
-def pretend(study, folder, robust=False):
+def pretend(study, folder, robust=False, bare=False):
     """Stands for `improve_one`: leaves a result, fails where the study says so, or is killed."""
     name = Path(study).stem
     if name == "killed" or name == "unlucky" and not Path(study).with_suffix(".tried").exists():
@@ -55,9 +57,10 @@ def test_every_study_is_a_row_and_one_that_fails_too(studies, tmp_path, where):
 
 
 def test_a_study_is_improved_as_the_verb_does(hidden, tmp_path):
-    row = batch.improve_one(str(hidden / "study.toml"), str(tmp_path / "out"))
+    row = batch.improve_one(str(hidden / "study.toml"), str(tmp_path / "out"), bare=True)
     assert (row["failure"], row["verdict"], row["added"]) == ("", "nothing_missing", "stribeck@2A")
-    assert (tmp_path / "out" / "report.html").exists()
+    assert pc.Search.load(tmp_path / "out").added == ["stribeck@2A"]
+    assert not (tmp_path / "out" / "report.html").exists() and not (tmp_path / "out" / "figures").exists()
 
 
 def test_what_was_done_is_not_done_again_unless_the_study_changed(studies, tmp_path):
@@ -73,6 +76,33 @@ def test_a_killed_process_loses_nothing_but_its_own_study(studies, tmp_path):
     rows = batch.improve_all(studies("one", "killed", "two"), tmp_path / "out", "processes", 2)
     assert [bool(r["failure"]) for r in rows] == [False, True, False]
     assert "killed" in rows[1]["failure"] and len(table(tmp_path / "out")) == 3
+
+
+def test_each_piece_is_told_before_the_next_begins_where_there_is_one_core():
+    begun = []
+    for key, future in each({k: (begun.append, k) for k in range(3)}):
+        assert future.result() is None and begun == list(range(key + 1))
+
+
+@pytest.mark.parametrize("where", ["threads", "processes"])
+def test_what_the_work_raises_is_raised_where_its_result_is_asked_for(where):
+    done = dict(each({"good": (int, "7"), "bad": (int, "x")}, where, 2))
+    assert done["good"].result() == 7
+    with pytest.raises(ValueError, match="invalid literal"):
+        done["bad"].result()
+
+
+FORKED = """
+from pycosim.core.executors import executor
+with executor("processes", 1, ("wave",)) as pool:
+    print([pool.submit(eval, f"'{name}' in __import__('sys').modules").result() for name in ("wave", "aifc")])
+"""
+
+
+@pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="nothing is forked here")
+def test_what_all_processes_need_is_there_when_they_begin():
+    done = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True, check=True)
+    assert done.stdout == "[True, False]\n"
 
 
 @pytest.fixture
@@ -109,7 +139,7 @@ from pycosim.core.executors import executor
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job is started without
     try:
-        with executor("processes", 1) as pool:
+        with executor("processes", 1, IMPORTS) as pool:
             waited = pool.submit(time.sleep, 120)
             print("begun", flush=True)
             waited.result()
@@ -120,8 +150,9 @@ if __name__ == "__main__":
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize("later", [0.0, 1.0])  # while the other process starts, and when it works [s]
-def test_an_interrupt_ends_the_other_processes_without_a_word_of_theirs(tmp_path, later):
-    (tmp_path / "waits.py").write_text(WAITS)
+@pytest.mark.parametrize("imports", [(), ("numpy",)], ids=["spawned", "forked"])
+def test_an_interrupt_ends_the_other_processes_without_a_word_of_theirs(tmp_path, later, imports):
+    (tmp_path / "waits.py").write_text(WAITS.replace("IMPORTS", repr(imports)))
     begun = subprocess.Popen([sys.executable, tmp_path / "waits.py"], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                              text=True, start_new_session=True)
     assert begun.stdout.readline() == "begun\n"
