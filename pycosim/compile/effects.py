@@ -33,6 +33,7 @@ class Port:
     potentials : tuple of str
         Members of the connector that are not flows.
     additions : tuple of str
+        What an effect adds there, as ``dF``: parameters of the probe, zero without an effect.
     """
 
     probe: str
@@ -72,6 +73,7 @@ class Effect:
     channel : bool
         Whether it shifts recorded signals in time; its places are the rig's ``channels``.
     description : str
+        What Modelica says of the class, which sentences of a diagnosis go on with.
     by_name : str
         Why it is added by name alone and stands in no ranking; empty for a candidate.
     """
@@ -110,7 +112,9 @@ class Place:
         Parameters
         ----------
         effect : Effect
+            One that extends ``PairEffect`` reads a partner.
         component : str
+            Where it hangs, as ``s1A``.
 
         Returns
         -------
@@ -125,6 +129,7 @@ def annotation(library, name):
     Parameters
     ----------
     library : Library
+        Which holds the class and its bases.
     name : str
         Modelica class.
 
@@ -163,6 +168,7 @@ def snake(name):
     Parameters
     ----------
     name : str
+        Name of a Modelica class, without its package.
 
     Returns
     -------
@@ -177,6 +183,7 @@ def components_of(library, name):
     Parameters
     ----------
     library : Library
+        Which holds the class and its bases.
     name : str
         Of the class.
 
@@ -211,6 +218,7 @@ def is_connector(library, name):
     Parameters
     ----------
     library : Library
+        Which holds the class.
     name : str
         Modelica class or builtin type.
 
@@ -232,6 +240,7 @@ def is_effect(library, name):
     Parameters
     ----------
     library : Library
+        Which holds the class and its bases.
     name : str
         Modelica class.
 
@@ -253,6 +262,7 @@ def ports(library):
     Parameters
     ----------
     library : Library
+        Whose package ``Interfaces`` holds the probes.
 
     Returns
     -------
@@ -277,6 +287,7 @@ def potentials(library, connector):
     Parameters
     ----------
     library : Library
+        Which holds the connector.
     connector : str
         Modelica class.
 
@@ -293,6 +304,7 @@ def catalogue(library):
     Parameters
     ----------
     library : Library
+        The package's own, or with effects from files of a study.
 
     Returns
     -------
@@ -307,6 +319,7 @@ def ranked(library):
     Parameters
     ----------
     library : Library
+        Of `catalogue`.
 
     Returns
     -------
@@ -382,9 +395,11 @@ def places(library, rig, effect):
     Parameters
     ----------
     library : Library
+        Which holds the rig.
     rig : str
         Modelica class.
     effect : Effect
+        Its connectors say where it fits.
 
     Returns
     -------
@@ -429,7 +444,9 @@ def find_effect(library, name):
     Parameters
     ----------
     library : Library
+        Of `catalogue`.
     name : str
+        Its id, as ``direction_asymmetry``.
 
     Returns
     -------
@@ -452,10 +469,13 @@ def find_place(library, rig, effect, name):
     Parameters
     ----------
     library : Library
+        Which holds the rig.
     rig : str
         Modelica class.
     effect : Effect
+        Its connectors say where it fits.
     name : str
+        As ``1A``, ``1A+2A`` or ``system``; elsewhere a component's name.
 
     Returns
     -------
@@ -482,7 +502,9 @@ def component_name(effect, place):
     Parameters
     ----------
     effect : Effect
+        Its id is the first part of the name.
     place : Place
+        Its name is the rest, ``+`` and ``.`` as underscores.
 
     Returns
     -------
@@ -512,7 +534,9 @@ def component_names(effect, place):
     Parameters
     ----------
     effect : Effect
+        At a joined place it hangs once at each component.
     place : Place
+        The first of its components has the coefficients, the others take them from it.
 
     Returns
     -------
@@ -528,7 +552,9 @@ def attachment(effect, place):
     Parameters
     ----------
     effect : Effect
+        Its connectors are connected to those of the place.
     place : Place
+        Of the rig that the lines are for.
 
     Returns
     -------
@@ -556,6 +582,7 @@ def extend(rig, attached, name="Improved", given=()):
     rig : str
         Modelica class.
     attached : list of (Effect, Place)
+        In the order in which they are declared.
     name : str
         Name of the new class.
     given : collection of str

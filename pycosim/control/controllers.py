@@ -28,6 +28,7 @@ class Block:
     Attributes
     ----------
     name, description : str
+        What its FMU is called by, and a sentence.
     model : Model
         The machine it was made for.
     values : dict of str to float

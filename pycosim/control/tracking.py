@@ -99,6 +99,7 @@ def track(machine, values, known, known_values, time, motion):
     known : Model
         What the controller knows.
     known_values : dict of str to float
+        Parameters of `known` in SI; its own defaults for those that are not named.
     time : ndarray, shape (n,)
         In steps of `PERIOD` [s].
     motion : dict of str to ndarray, shape (n,)

@@ -38,6 +38,7 @@ class Trajectory:
     columns : dict of str to ndarray, shape (n,)
         ``ref.motor1.phi``, ``ref.motor1.w``, ``ref.motor1.a`` .., ``ref.q_H`` .., and torques from outside.
     label : ndarray of int, shape (n,)
+        Manoeuvre of each sample, an index into ``labels``.
     labels : list of str
         What the numbers in ``label`` mean.
     """
@@ -122,11 +123,13 @@ def manoeuvre_motion(rng, rate, speeds, repeats, longest):
     Parameters
     ----------
     rng : numpy.random.Generator
+        Draws the order of the blocks.
     rate : float
         Samples a second.
     speeds : sequence of float
         Of the faster motor [rad/s].
     repeats : int
+        Times that each line is passed, out and back, at each speed.
     longest : float
         Slow passes turn back after this time [s].
 
@@ -301,6 +304,7 @@ def from_file(path, model, values, rate):
     Parameters
     ----------
     path : path
+        CSV in SI units, ``time`` strictly increasing.
     model, values, rate
         As in `six_manoeuvres`.
 
@@ -355,6 +359,7 @@ def make(kind, model, values, rate, duration=None, **options):
     kind : str
         A key of ``TRAJECTORIES``.
     model : Model
+        Whose motors move, and whose joints follow them.
     values : dict of str to float
         Parameters of the model.
     rate : float

@@ -32,6 +32,7 @@ def digest(*parts):
     Parameters
     ----------
     *parts : str or iterable of str
+        Everything that the cached value depends on; order counts.
 
     Returns
     -------

@@ -37,6 +37,7 @@ class Serial(Executor):
         Parameters
         ----------
         function : callable
+            Called before this returns.
         *arguments, **options
             Its own.
 

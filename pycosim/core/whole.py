@@ -14,6 +14,7 @@ def write_whole(path, content):
     path : path
         Replaced where there is one.
     content : str or bytes
+        Text becomes UTF-8.
 
     Returns
     -------

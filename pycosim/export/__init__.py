@@ -36,6 +36,7 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     Parameters
     ----------
     study : Study
+        Its values and effects are taken as they are.
     model : Model
         Its compiled rig with effects, from ``study.validate``.
     folder : path

@@ -39,6 +39,7 @@ class Platform:
     fmi2 : str
         Folder in an FMU of FMI 2.
     suffix : str
+        Ending of a shared library there, as ``.so``.
     """
 
     name: str
@@ -120,6 +121,7 @@ def library(files, main, name, target, extra=(), cross=False):
     main, name : str
         The one to compile, and what it becomes.
     target : Platform
+        What it is compiled for.
     extra : sequence of str
         More arguments of the compiler, as folders of headers.
     cross : bool

@@ -28,6 +28,7 @@ def export_c(model, parameters, folder, name, real="double"):
     Parameters
     ----------
     model : pycosim.compile.Model
+        Every question that its rig offers becomes functions.
     parameters : dict of str to float
         Instead of the model's defaults.
     folder : path
@@ -79,13 +80,16 @@ class Part:
     name : str
         In C.
     question : pycosim.compile.Question
+        What is known and what is asked for.
     model : pycosim.compile.Model
+        Of the same rig; gives units and bounds.
 
     Attributes
     ----------
     vectors : dict of str to list of str
         Names of ``input``, ``state`` and ``output``.
     variables : dict of str to Variable
+        Of all vectors, by name.
     functions : list of casadi.Function
         The answer; where there are friction states, what follows them.
     declared : list of (str, str, list)

@@ -23,6 +23,7 @@ def describe_block(block: Block, name=None):
     Parameters
     ----------
     block : Block
+        Its last parameter, the period [s], sets the step.
     name : str, optional
         Instead of the block's own.
 
@@ -68,6 +69,7 @@ def export_block(block, folder, fmi=2, platforms="host", name=None):
     Parameters
     ----------
     block : Block
+        Its inputs, outputs and parameters are those of the FMU.
     folder : path
         Where the file goes.
     fmi : int

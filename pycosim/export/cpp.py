@@ -19,6 +19,7 @@ def cpp_source(model, parameters, name):
     Parameters
     ----------
     model : Model
+        Every question that its rig offers becomes a class.
     parameters : dict of str to float
         Every parameter of the rig.
     name : str

@@ -39,6 +39,7 @@ class Entry:
     initially : list of int
         The same, parameters included: what it depends on while the model is initialised.
     boolean : bool
+        Whether it is a flag, as ``s1A.still``; every other variable is a real number in SI.
     """
 
     variable: Variable
@@ -63,7 +64,9 @@ class Plant:
     Attributes
     ----------
     name, rig, description : str
+        The study's name, its Modelica class, and what that says of itself.
     model : Model
+        The compiled rig with effects.
     parameters : dict of str to float
         Every parameter of the rig, with the study's values.
     identified : set of str
@@ -108,6 +111,7 @@ def describe(study, model):
     Parameters
     ----------
     study : Study
+        Its values become the start values of parameters, its limits those of motors and joints.
     model : Model
         Its compiled rig with effects, from ``study.validate``.
 
@@ -129,7 +133,9 @@ def values(study, model):
     Parameters
     ----------
     study : Study
+        Whose ``[parameters]`` count.
     model : Model
+        Gives the rest.
 
     Returns
     -------
@@ -146,6 +152,7 @@ def tunable(model):
     Parameters
     ----------
     model : Model
+        A rig with its effects.
 
     Returns
     -------
@@ -385,6 +392,7 @@ def system(model, d):
     Parameters
     ----------
     model : Model
+        A rig that can be simulated: each motor and joint has its equation of motion.
     d : Dynamics
         Of the same model; it gives the order of the vectors.
 
@@ -473,6 +481,7 @@ def c_name(text):
     Parameters
     ----------
     text : str
+        Any; ``hip knee-2`` becomes ``hip_knee_2``.
 
     Returns
     -------

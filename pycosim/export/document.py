@@ -36,6 +36,7 @@ def to_dict(plant):
     Parameters
     ----------
     plant : Plant
+        Of `describe`.
 
     Returns
     -------
@@ -70,6 +71,7 @@ def to_html(plant):
     Parameters
     ----------
     plant : Plant
+        Of `describe`; what it says of itself is escaped.
 
     Returns
     -------

@@ -63,6 +63,7 @@ def write_fmu(path, files):
     Parameters
     ----------
     path : Path
+        Ends in ``.fmu``; replaced where there is one.
     files : dict of str to bytes
         Of `contents`.
 
@@ -80,6 +81,7 @@ def contents(plant, fmi=2, kinds=("cs", "me"), platforms="host"):
     Parameters
     ----------
     plant : Plant
+        A machine, or a controller of `pycosim.export.controller.describe_block`.
     fmi : int
         2 or 3.
     kinds : sequence of str
@@ -121,6 +123,7 @@ def write_archive(path, files, first, check):
     Parameters
     ----------
     path : Path
+        Replaced only when the check has passed.
     files : dict of str to bytes
         By their path inside.
     first : str

@@ -17,6 +17,7 @@ def generated(functions, name, real="double"):
     Parameters
     ----------
     functions : iterable of casadi.Function
+        Their names become those of the C functions.
     name : str
         Of the file.
     real : str
@@ -40,6 +41,7 @@ def index_name(prefix, variable):
     Parameters
     ----------
     prefix, variable : str
+        Vector and member, as ``u`` and ``motor1.phi``: ``U_motor1_phi``.
 
     Returns
     -------
@@ -54,6 +56,7 @@ def literal(value, real="double"):
     Parameters
     ----------
     value : float
+        Finite.
     real : str
         ``double`` or ``float``.
 

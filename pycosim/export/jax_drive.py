@@ -36,6 +36,7 @@ def jax_source(law, name):
     Parameters
     ----------
     law : Law
+        Of `pycosim.export.law.drive_law`.
     name : str
         Of the study.
 

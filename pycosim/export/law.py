@@ -31,6 +31,7 @@ class Law:
     Attributes
     ----------
     rig : str
+        Modelica class.
     motors, inputs, states, parameters : list of str
         Names: components, the input that drives each of them, friction states, and what may be changed.
     values : dict of str to float
@@ -91,6 +92,7 @@ def drive_law(model, parameters):
     Parameters
     ----------
     model : Model
+        A rig with motors and links, and its effects.
     parameters : dict of str to float
         Every parameter of the rig.
 

@@ -51,6 +51,7 @@ class Links:
     Parameters
     ----------
     model : Model
+        A rig whose components say in ``__pycosim(links=...)`` what turns.
     parameters : dict of str to float
         Every parameter of the rig.
     """
@@ -73,6 +74,7 @@ class Links:
         Parameters
         ----------
         key : str
+            Of the annotation ``__pycosim``, as ``links``.
 
         Returns
         -------
@@ -91,6 +93,7 @@ class Links:
         Parameters
         ----------
         component : str
+            Of the rig, as ``leg``; the result's names lack it.
 
         Returns
         -------
@@ -111,6 +114,7 @@ def evaluate(formula, values):
     Parameters
     ----------
     formula : str
+        Numbers, names, ``+ - * / **`` and brackets.
     values : dict of str to float
         Of what it names.
 

@@ -17,6 +17,7 @@ def to_modelica(plant, self_contained=False):
     Parameters
     ----------
     plant : Plant
+        Of `pycosim.export.description.describe`.
     self_contained : bool
         Whether the classes of the library that it needs come along, inside the package.
 

@@ -38,6 +38,7 @@ def to_mjcf(plant, plugin=None):
     Parameters
     ----------
     plant : Plant
+        Of `pycosim.export.description.describe`.
     plugin : tuple of (str, list of str), optional
         Name of the plugin that is its drive (`pycosim.export.mujoco_plugin`), and the inputs of its motors; without it
         friction is what MuJoCo has of its own.

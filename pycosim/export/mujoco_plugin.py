@@ -49,6 +49,7 @@ def law_source(law, names):
     Parameters
     ----------
     law : Law
+        Of `pycosim.export.law.drive_law`.
     names : sequence of str
         Which: ``prepare``, ``torque``, ``implicit``, ``follow``.
 
@@ -70,6 +71,7 @@ def plugin_source(law, name):
     Parameters
     ----------
     law : Law
+        Of `pycosim.export.law.drive_law`.
     name : str
         A C name.
 
@@ -126,7 +128,9 @@ def build_plugin(source, name):
     Parameters
     ----------
     source : str
+        Of `plugin_source`.
     name : str
+        A C name, of the file.
 
     Returns
     -------

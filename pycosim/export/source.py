@@ -26,6 +26,7 @@ def sources(plant, fmi, kinds):
     Parameters
     ----------
     plant : Plant
+        Its functions become C, its variables the tables beside it.
     fmi : int
         2 or 3.
     kinds : sequence of str
@@ -72,6 +73,7 @@ def equations(plant):
     Parameters
     ----------
     plant : Plant
+        Its ``functions`` are written.
 
     Returns
     -------

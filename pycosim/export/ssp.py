@@ -87,7 +87,9 @@ def control_parts(study, model, fmi=2, platforms="host"):
     Parameters
     ----------
     study : Study
+        Its values are what the controller believes of the machine.
     model : Model
+        The compiled rig with the study's effects.
     fmi : int
         2 or 3.
     platforms : str
@@ -132,6 +134,7 @@ def export_ssp(study, model, folder, fmi=2, platforms="host", others=(), wires=N
     Parameters
     ----------
     study : Study
+        Its values become the plant's parameter set.
     model : Model
         The compiled rig with the study's effects.
     folder : path

@@ -63,6 +63,7 @@ def offset(unit):
     Parameters
     ----------
     unit : str
+        As Modelica writes it, as ``degC``.
 
     Returns
     -------

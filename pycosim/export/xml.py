@@ -26,6 +26,7 @@ def model_description(plant, fmi, kinds, identifier, token):
     Parameters
     ----------
     plant : Plant
+        Its entries become ``ModelVariables``, in the order of their value references.
     fmi : int
         2 or 3.
     kinds : sequence of str
@@ -115,6 +116,7 @@ def terminals(plant):
     Parameters
     ----------
     plant : Plant
+        Its motors and joints become terminals.
 
     Returns
     -------

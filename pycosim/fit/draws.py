@@ -90,11 +90,13 @@ def draw(fit, n, bounded=True, seed=0):
     Parameters
     ----------
     fit : Fit
+        Its covariance and undetermined directions are drawn from.
     n : int
         How many.
     bounded : bool
         Respect the bounds, and spread along null directions within them; or neither.
     seed : int
+        The same seed gives the same sets.
 
     Returns
     -------

@@ -34,12 +34,15 @@ class Fit:
     parameters : dict of str to float
         All parameters, fitted and fixed.
     free : list of str
+        Parameters that were fitted, in the order of every vector and matrix here.
     variables : dict of str to Variable
         Units and bounds.
     values : ndarray, shape (p,)
+        Of ``free``, in the parameters' units, within the bounds.
     unbounded : ndarray, shape (p,)
         Estimate with the bounds lifted, of the quadratic model at the solution; intervals are centred on it.
     covariance : ndarray, shape (p, p)
+        Of ``free``, in products of their units; what is not determined has no share in it.
     null_directions : ndarray, shape (k, p)
         Directions of the parameters that change no residual.
     dof : float
@@ -47,7 +50,9 @@ class Fit:
     noise : list of Noise
         One a channel.
     channels : list of str
+        That were compared, as ``C_H``.
     weights : ndarray, shape (channels,)
+        One over the noise of each channel, their geometric mean one.
     conditional : bool
         Whether something is known to be missing beside it: its intervals hold if that is the same all over the data.
     own : dict of str to list of str
@@ -107,6 +112,7 @@ class Fit:
         Parameters
         ----------
         name : str
+            Among ``free``.
 
         Returns
         -------
@@ -181,6 +187,7 @@ class Fit:
         bounded : bool
             Respect the bounds, and spread along null directions within them; or neither.
         seed : int
+            The same seed gives the same sets.
 
         Returns
         -------
@@ -223,7 +230,9 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
     Parameters
     ----------
     dataset : Dataset
+        Its moving samples are compared.
     model : Model
+        The rig with the effects to fit.
     start : dict of str to float, optional
         Values to start from; the study's by default.
     free : list of str, optional
@@ -424,6 +433,7 @@ def bounded(a, b, low, high):
     a : ndarray, shape (p, p)
         Positive semidefinite.
     b, low, high : ndarray, shape (p,)
+        Slope at zero, and the bounds of x; infinite where there is none.
 
     Returns
     -------
@@ -457,13 +467,17 @@ def result(problem, slope, residual, gram, x, free, variables, weights, noise, r
     slope : ndarray, shape (c, k, n)
         Of the residual by the free parameters.
     residual : ndarray, shape (c, n)
+        Of moving samples, in the channels' units.
     gram : ndarray, shape (k + 1, k + 1)
         Weighted products of the slopes, and with the residual.
     x : ndarray, shape (k,)
         The solution.
     free : list of str
+        Parameters that were fitted, in the order of `slope`.
     variables : dict of str to Variable
+        Bounds, nominal values and units of these.
     weights : ndarray, shape (c,)
+        What each channel was multiplied with in the fit.
     noise : list of Noise or None
         None: to be fitted to the residual.
     robust : bool
@@ -510,8 +524,11 @@ def widened(dataset, model, fit):
     Parameters
     ----------
     dataset : Dataset
+        Whose blocks are compared.
     model : Model
+        That was fitted.
     fit : Fit
+        Only its covariance changes.
 
     Returns
     -------
@@ -542,6 +559,7 @@ def orthonormal(inverse):
     Parameters
     ----------
     inverse : ndarray, shape (p, p)
+        Symmetric, positive semidefinite.
 
     Returns
     -------

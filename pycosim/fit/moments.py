@@ -32,7 +32,9 @@ class Moments:
         Parameters
         ----------
         problem : Residuals
+            With its derivatives by the free parameters.
         x : ndarray
+            Values of the free parameters, in their order.
         segments : list of str
             Components whose load may change sign.
         exogenous : Residuals, optional
@@ -189,6 +191,7 @@ class Moments:
         Parameters
         ----------
         x, weights : sequence of float
+            Values of the free parameters, and one factor a channel.
         instruments : bool
             Take the derivatives at the signals without noise.
 

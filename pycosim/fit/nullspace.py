@@ -31,6 +31,7 @@ def number(value, nominal=0.0):
     Parameters
     ----------
     value : float
+        In the unit that is written beside it.
     nominal : float
         Usual size of the quantity.
 
@@ -48,6 +49,7 @@ def null_directions(fit, owners=None):
     Parameters
     ----------
     fit : Fit
+        Its ``null_directions`` are put into words.
     owners : dict of str to str, optional
         Component that an effect hangs at, by the component of its coefficients: ``viscous_1B`` to ``s1B``.
 
@@ -77,6 +79,7 @@ def weak_directions(fit):
     Parameters
     ----------
     fit : Fit
+        Its correlations are looked at, pair by pair.
 
     Returns
     -------

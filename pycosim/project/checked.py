@@ -22,6 +22,7 @@ class Check(Recorded):
     Attributes
     ----------
     checked : Checked
+        Findings, most important first, and the kinds that the study has answered.
     study : Study
         Whose logs these are.
     kept : dict or None

@@ -25,6 +25,7 @@ class Candidate(Shown):
     Attributes
     ----------
     diagnosis : Diagnosis
+        The one that it is part of; `add` and `plot` go on from its fitted model.
     record : dict
         Its entry of ``diagnosis.json``.
     """
@@ -120,6 +121,7 @@ class Candidates(Sequence[Candidate], Shown):
     Parameters
     ----------
     found : list of Candidate
+        Best first, as in ``diagnosis.json``.
     """
 
     def __init__(self, found: list[Candidate]):

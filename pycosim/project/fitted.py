@@ -38,6 +38,7 @@ class Parameter(Shown):
     Attributes
     ----------
     name, unit, description : str
+        Name in the rig, as ``s1A.f0``; SI unit, ``1`` for a number without one; what Modelica says of it.
     value : float
         In the unit, SI.
     ci95 : (float, float)
@@ -66,6 +67,7 @@ class Parameter(Shown):
         Parameters
         ----------
         name : str
+            In the rig, as ``s1A.f0``.
         entry : dict
             ``null`` is an end of the interval, or a standard error, that the data do not limit.
 
@@ -101,6 +103,7 @@ class Parameters(Mapping[str, Parameter], Shown):
     Parameters
     ----------
     known : dict of str to Parameter
+        By name, as ``s1A.f0``, in the order of the fit.
     """
 
     def __init__(self, known: dict[str, Parameter]):
@@ -232,6 +235,7 @@ class Fitted(Recorded):
     Attributes
     ----------
     project : Project
+        The study and the logs that it was fitted to.
     model : Model
         The rig with its effects.
     solution : Fit
@@ -471,12 +475,15 @@ class Fitted(Recorded):
         Parameters
         ----------
         goal : str
+            ``parameters``, ``alternatives`` or ``detect``.
         budget : float
             [s]
         rate : float
             [Hz]
         criterion : str
+            What counts as narrow: ``intervals``, ``D`` or ``E``.
         between : pair of str, optional
+            Two effects with their places, to be told apart.
 
         Returns
         -------
@@ -495,6 +502,7 @@ class Fitted(Recorded):
         Parameters
         ----------
         n : int
+            How many sets.
         bounded : bool
             Keep within the bounds.
         seed : int, optional
@@ -514,12 +522,19 @@ class Fitted(Recorded):
         Parameters
         ----------
         folder : path
+            Made, or replaced whole where an export made it.
         to : str
+            Format, as ``fmu`` or ``c``.
         fmi : int
+            Version of the FMU, 2 or 3.
         kinds : sequence of str
+            Of the FMU: ``cs`` (co-simulation), ``me`` (model exchange).
         platforms : str
+            Binaries of the FMU: of this machine (``host``), or for Linux, Windows and macOS (``all``).
         real : str
+            Type of every number of the C export, ``double`` or ``float``.
         self_contained : bool
+            Whether the Modelica export needs no library beside it.
 
         Returns
         -------

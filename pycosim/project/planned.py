@@ -29,6 +29,7 @@ class Plan(Recorded):
     Attributes
     ----------
     planned : pycosim.design.plan.Plan
+        The motion, what it is predicted to tell, and the rig's workspace.
     kept : dict or None
         The record that it was loaded from.
     """
@@ -48,10 +49,15 @@ class Plan(Recorded):
         Parameters
         ----------
         project : Project
+            Gives the library, and is told the stages.
         study : Study
+            With the limits that the motion keeps to, and the effects of `model`.
         model : Model
+            What is to be learnt about.
         dataset : Dataset or None
+            Logs made by now; without any, noise is assumed.
         solution : Fit or None
+            Of `model` to these logs: what is known already.
         goal, budget, rate, criterion, between
             As for `Project.plan`.
 
@@ -102,6 +108,7 @@ class Plan(Recorded):
         Parameters
         ----------
         path : path
+            Replaced where there is one; angles [rad] and speeds [rad/s] at equal times [s].
 
         Returns
         -------

@@ -54,6 +54,7 @@ def silent(text: str) -> None:
     Parameters
     ----------
     text : str
+        What would be said.
     """
 
 
@@ -63,6 +64,7 @@ class Continued:
     Parameters
     ----------
     say : callable
+        Told every sentence; partial answers too where it has a method ``early``.
     given : bool
         Whether it was.
     """
@@ -79,6 +81,7 @@ class Continued:
         Parameters
         ----------
         text : str
+            The answer, in sentences.
         """
         if not self.given:
             tell_early(self.say, text)
@@ -91,6 +94,7 @@ def finish(say: Say) -> None:
     Parameters
     ----------
     say : callable
+        Its method ``done`` is called, where it has one.
     """
     done = getattr(say, "done", None)
     if done is not None:

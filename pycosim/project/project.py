@@ -115,6 +115,7 @@ class Project(Shown):
     Attributes
     ----------
     study : Study
+        As opened: with the logs that were given instead of its own.
     library : Library
         Modelica classes: the package's own, and the study's.
     model : Model
@@ -206,6 +207,8 @@ class Project(Shown):
         Parameters
         ----------
         data : path, pandas.DataFrame, list of these, or dict of str to pandas.DataFrame
+            Instead of all logs of the study, its columns named as it maps them; keys of a dict name the
+            runs.
 
         Returns
         -------
@@ -472,8 +475,11 @@ def exported(study: Study, model: Any, folder: AnyPath, to: str, fmi: int, kinds
     Parameters
     ----------
     study : Study
+        Its values and effects are exported as they are.
     model : Model
+        Its compiled rig with effects.
     folder : path
+        Made, or replaced whole where an export made it.
     to, fmi, kinds, platforms, real, self_contained
         As for `Project.export`.
 
@@ -497,6 +503,7 @@ def saved(study: Study, given: Study, path: AnyPath) -> Path:
     given : Study
         The one it comes from.
     path : path
+        Paths of logs in it become relative to this one.
 
     Returns
     -------

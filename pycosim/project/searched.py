@@ -89,8 +89,11 @@ class Kept:
     Attributes
     ----------
     record : dict
+        The records of ``pycosim improve``, by name.
     steps : tuple of Step
+        The base model first; only the last has its parameters.
     first, last : Diagnosis
+        Of the base model, and of what is left.
     """
 
     record: dict[str, Any]
@@ -106,6 +109,7 @@ class Search(Recorded):
     Attributes
     ----------
     project : Project
+        The study as given, without what was added.
     found : pycosim.diagnosis.search.Improvement
         Of one that was loaded, what its file keeps of that.
     kept : Kept or None

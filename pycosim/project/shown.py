@@ -191,6 +191,7 @@ def read_json(path: str | PathLike[str], kind: Any) -> dict[str, Any]:
     Parameters
     ----------
     path : path
+        UTF-8, nothing but JSON in it.
     kind : type
         The subclass of `Recorded` that it is to become.
 

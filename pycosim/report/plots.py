@@ -29,6 +29,7 @@ def handed(plot: Any, none: str = "there is nothing to draw") -> Any:
     Parameters
     ----------
     plot : Plot or None
+        None where there is nothing to draw.
     none : str
         Why there is none.
 
@@ -62,7 +63,9 @@ class FitPlots:
     samples : callable
         Returns the data set; raises what is to be said where there is none.
     model : Model
+        The rig with the effects that were fitted.
     fit : Fit
+        Of the model to the data set's fit part.
     record : dict
         ``parameters.json``.
     """
@@ -177,6 +180,7 @@ class DiagnosisPlots:
     samples : callable
         As of `FitPlots`.
     found : Diagnosis
+        Its candidates are drawn, and the map of what nothing explains.
     """
 
     def __init__(self, samples: Callable[[], Any], found: Any):
@@ -188,6 +192,7 @@ class DiagnosisPlots:
         Parameters
         ----------
         most : int
+            Bars to draw at most.
 
         Returns
         -------
@@ -219,6 +224,7 @@ class SearchPlots:
     samples : callable
         As of `FitPlots`.
     found : Improvement
+        Its steps are drawn, the base model first.
     units : dict of str to str
         By channel.
     """
@@ -266,6 +272,7 @@ class PlanPlots:
     Parameters
     ----------
     planned : Plan
+        With the motion, the workspace of the rig, and the covariance after the experiment.
     """
 
     def __init__(self, planned: Any):

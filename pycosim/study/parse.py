@@ -73,6 +73,7 @@ class Source:
         where : str
             Place in the file, as ``[rig]``.
         message : str
+            What is wrong, and what to write instead.
         key : str
             To find the line by.
         kind : type
@@ -93,7 +94,9 @@ class Source:
         Parameters
         ----------
         table : dict
+            Part of the file, as TOML has it.
         known : collection of str
+            All that is read there.
         where : str
             Place in the file.
         line : str
@@ -113,12 +116,15 @@ class Source:
         Parameters
         ----------
         table : dict
+            Part of the file, as TOML has it.
         key : str
+            Of the table.
         kind : type
             ``float`` takes integers too, and nothing infinite.
         where : str
             Place in the file.
         default : object
+            What a study means that does not have the key.
         line : str
             To find the line by, instead of the key.
 
@@ -146,11 +152,15 @@ class Source:
         Parameters
         ----------
         table : dict
+            Part of the file, as TOML has it.
         key : str
+            Of the table.
         known : sequence of str
+            The words; the nearest is named where it is none of them.
         where : str
             Place in the file.
         default : str or None
+            What a study means that does not have the key.
 
         Returns
         -------

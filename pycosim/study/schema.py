@@ -59,6 +59,7 @@ class Setting:
         Parameters
         ----------
         variable : Variable
+            The rig's parameter, with its Modelica value and bounds [SI].
 
         Returns
         -------
@@ -166,6 +167,7 @@ class Study:
     modelica : list of Path
         Modelica files of the user, on top of the library.
     parameters : dict of str to Setting
+        By name in the rig, as ``s1A.f0``; those that are not named keep the rig's value and are not fitted.
     runs, held_out : list of Path
         Logs to fit, and logs kept for the test; no file is in both.
     reference : str
@@ -179,6 +181,7 @@ class Study:
     w_min : float or None
         Speed [rad/s] above which a sample is moving; None finds it from the data.
     seed : int
+        Of everything drawn by chance; the same study and logs give the same answer.
     drop_outs : str
         ``refuse``, or ``skip`` to leave rows with missing numbers out.
     average : str or None
@@ -287,6 +290,7 @@ class Study:
         Parameters
         ----------
         effect, place : str
+            As ``stribeck`` and ``2A``.
 
         Returns
         -------
@@ -300,6 +304,7 @@ class Study:
         Parameters
         ----------
         library : Library
+            Where the effects and their places are looked up.
 
         Returns
         -------
@@ -349,6 +354,7 @@ class Study:
         Parameters
         ----------
         library : Library
+            With the study's own Modelica files, where it has any.
 
         Returns
         -------
@@ -395,8 +401,11 @@ def check_parameter(study, name, setting, known):
     Parameters
     ----------
     study : Study
+        Named in what is refused.
     name : str
+        In the study.
     setting : Setting
+        Value and bounds in SI; what is None is the rig's.
     known : dict of str to Variable
         Parameters of the rig.
 
@@ -432,9 +441,11 @@ def check_column(study, name, column, known):
     Parameters
     ----------
     study : Study
+        Named in what is refused.
     name : str
         Of the column in the file.
     column : Column
+        Its variable and unit are checked.
     known : dict of str to str
         Unit of every variable that a log can hold.
 
@@ -461,6 +472,7 @@ def known_unit(unit):
     Parameters
     ----------
     unit : str
+        As a study writes it, as ``Nm`` or ``deg``.
 
     Returns
     -------
@@ -476,6 +488,7 @@ def refuse_twice(paths, where):
     Parameters
     ----------
     paths : list of Path
+        Compared as they are written.
     where : str
         Said in the message.
 

@@ -9,6 +9,7 @@ def rigs(library):
     Parameters
     ----------
     library : Library
+        The package's own, or with files of a user's.
 
     Returns
     -------
@@ -24,6 +25,7 @@ def first_parameters(model, question=None):
     Parameters
     ----------
     model : Model
+        A rig without effects.
     question : Question, optional
         ``estimate`` by default.
 

@@ -13,6 +13,7 @@ def to_toml(value):
     Parameters
     ----------
     value : bool, str, dict, list, int or float
+        A dict becomes an inline table.
 
     Returns
     -------

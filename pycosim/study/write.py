@@ -43,6 +43,7 @@ def write_study(study, path):
     Parameters
     ----------
     study : Study
+        Its own file, where that still is, lends its comments and its order.
     path : path
         File to write or replace; written beside it under another name first, so that no reader meets half of it.
 
