@@ -21,7 +21,9 @@ def additions(library, effect):
     Parameters
     ----------
     library : Library
+        Which holds the effect and the probes.
     effect : Effect
+        Its ports say where it adds.
 
     Returns
     -------
@@ -39,7 +41,9 @@ def effect_question(library, effect):
     Parameters
     ----------
     library : Library
+        Which holds the effect.
     effect : Effect
+        Of its equation alone; no rig is needed.
 
     Returns
     -------

@@ -40,7 +40,9 @@ class Question:
     states : list of str
         Friction states.
     parameters : list of str
+        What the answer depends on besides, in the order of the functions' last argument.
     outputs : list of str
+        What is asked for, in the order of ``output``.
     output : casadi.Function
         ``(inputs, states, parameters) -> outputs``.
     rate : casadi.Function
@@ -103,6 +105,7 @@ class Question:
         Parameters
         ----------
         outputs : list of str
+            Among those of the question.
 
         Returns
         -------
@@ -123,6 +126,7 @@ class Question:
         Parameters
         ----------
         names : dict of str to str
+            Each output of a pair to the other.
 
         Returns
         -------
@@ -137,6 +141,7 @@ class Question:
         Parameters
         ----------
         values : dict of str to float
+            By parameter, in its unit.
 
         Returns
         -------
@@ -198,6 +203,7 @@ def wave_units(effect):
     Parameters
     ----------
     effect : Effect
+        One that scans ``cycles`` has a wave.
 
     Returns
     -------
@@ -214,6 +220,7 @@ class Model:
     Parameters
     ----------
     library : Library
+        Which holds the rig and the effects.
     rig : str
         Modelica class.
     attached : sequence of (str, str)
@@ -347,6 +354,7 @@ class Model:
         Parameters
         ----------
         component, connector : str
+            Of the rig, as ``s1A`` and ``friction``.
 
         Returns
         -------
@@ -367,6 +375,7 @@ class Model:
         Parameters
         ----------
         key : str
+            ``load``, ``sensor`` or ``encoders``.
 
         Returns
         -------
@@ -561,7 +570,9 @@ class Model:
         Parameters
         ----------
         effect : Effect
+            Whose ``size`` and ``scan`` are named.
         place : Place
+            Joined places share one set of names.
 
         Returns
         -------
@@ -596,9 +607,13 @@ def compile_model(library, rig, attached=(), probes=False):
     Parameters
     ----------
     library : Library
+        Which keeps what was made of it.
     rig : str
+        Modelica class.
     attached : sequence of (str, str)
+        Effect and place names, as ``("viscous", "1A")``.
     probes : bool
+        As of `Model`.
 
     Returns
     -------

@@ -92,6 +92,7 @@ class Library:
         Parameters
         ----------
         key : hashable
+            What `make` depends on besides the library.
         make : callable
             Without arguments.
 
@@ -130,6 +131,7 @@ class Library:
         Parameters
         ----------
         name : str
+            As ``DriveTrain.Rigs.HipKnee``.
 
         Returns
         -------
@@ -173,6 +175,7 @@ class Library:
         Parameters
         ----------
         name : str
+            Dotted.
 
         Yields
         ------
@@ -197,6 +200,7 @@ class Library:
         Parameters
         ----------
         name : str
+            As it is written, which may be a part of the dotted name.
         scope : str
             Dotted name of where it is mentioned; empty at the top.
 
@@ -224,6 +228,7 @@ class Library:
         Parameters
         ----------
         text : str
+            Modelica of one class.
         where : str
             Where the text is from, for the error.
 
@@ -255,7 +260,9 @@ class Library:
         Parameters
         ----------
         name : str
+            Dotted; of the class in `text`, where there is one.
         text : str, optional
+            Modelica of one class that the library does not have.
 
         Returns
         -------
@@ -387,6 +394,7 @@ def parse(text, where):
     Parameters
     ----------
     text : str
+        Modelica, with or without a ``within`` line.
     where : str
         Where the text is from, for the error.
 

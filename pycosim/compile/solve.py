@@ -32,6 +32,7 @@ class Solution:
     algebraic : list of str
         Unknowns of ``residuals`` that have no closed form (empty for ``estimate`` and ``compensate``).
     residuals : list of SX
+        Zero where ``algebraic`` are right; as many as these.
     """
 
     symbols: dict
@@ -47,7 +48,9 @@ def der(name, order=1):
     Parameters
     ----------
     name : str
+        A variable's, or a derivative's.
     order : int
+        How often it is differentiated; zero leaves the name.
 
     Returns
     -------
@@ -273,6 +276,7 @@ def piecewise_linear(residuals, x):
     Parameters
     ----------
     residuals, x : list of SX
+        As many equations, each zero, as unknowns.
 
     Returns
     -------
@@ -345,7 +349,9 @@ def solve_small(matrix, right):
     Parameters
     ----------
     matrix : SX, shape (n, n)
+        Regular wherever it is evaluated.
     right : SX, shape (n, 1)
+        Right-hand side.
 
     Returns
     -------
@@ -422,6 +428,7 @@ def solve(flat, known, keep=(), explicit=True):
     Parameters
     ----------
     flat : Flat
+        Variables and equations of a whole rig.
     known : list of str
         Variables that are given as functions of time; their derivatives are given too, under the names ``der(x)``.
     keep : list of str

@@ -19,6 +19,7 @@ def dump(tree):
     Parameters
     ----------
     tree : pymoca.ast.Tree
+        As parsed, before anything is flattened.
 
     Returns
     -------
@@ -66,6 +67,7 @@ def load(data):
     Parameters
     ----------
     data : bytes
+        JSON; nothing in it is run.
 
     Returns
     -------

@@ -30,6 +30,7 @@ class Part:
         ``spring``, ``sensor``, ``frame``, ``outside`` (a torque from outside), ``effect`` (part of the base model),
         ``beside`` (no flange: where something hangs, or a link as a computed reference knows it) or ``part``.
     description : str
+        What Modelica says of the component; empty where it says nothing.
     flanges : tuple of str
         Its connectors that carry a torque or a force.
     """
@@ -47,6 +48,7 @@ class Wiring:
     Attributes
     ----------
     parts : dict of str to Part
+        By component, in the order of their declaration.
     nets : tuple of tuple of (str, str)
         Flanges that are connected with each other, as component and connector.
     beside : tuple of ((str, str), (str, str))
@@ -67,6 +69,7 @@ def wiring(library, rig):
     Parameters
     ----------
     library : Library
+        Which holds the rig and the classes of its components.
     rig : str
         Modelica class.
 

@@ -26,6 +26,7 @@ class Calibration:
     Attributes
     ----------
     fit : Fit
+        Values and intervals of the FMU's parameters.
     before, after : dict of str to dict of str to float
         Root mean square error of each output, of ``fit`` and, where there is one, ``held_out`` logs.
     inputs, outputs : dict of str to str
@@ -33,6 +34,7 @@ class Calibration:
     method : str
         Where the derivatives came from.
     notes : list of str
+        Sentences on what the study leaves open: which parameters were freed, which inputs stay as they are.
     attached : tuple
         No effects: an FMU is as it is.
     """
@@ -52,6 +54,7 @@ class Calibration:
         Parameters
         ----------
         channel : str
+            An output of the FMU.
 
         Returns
         -------
@@ -70,6 +73,7 @@ def calibrate(study, path, progress=lambda text: None):
     Parameters
     ----------
     study : Study
+        Its columns, parameters and logs count.
     path : path
         FMU of FMI 2 or 3, for co-simulation or model exchange.
     progress : callable

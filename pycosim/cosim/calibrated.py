@@ -23,7 +23,9 @@ def write_calibrated(fmu, calibration, folder):
     fmu : path
         The file that was calibrated, left as it is.
     calibration : Calibration
+        Its values become the start values.
     folder : path
+        There already; files of these names are replaced.
 
     Returns
     -------

@@ -59,6 +59,7 @@ def load(data):
     Parameters
     ----------
     data : bytes
+        JSON, arrays in it as text; nothing in it is run.
 
     Returns
     -------

@@ -435,6 +435,7 @@ def check_names(given, known, what):
     Parameters
     ----------
     given, known : collection of str
+        Names that a scenario has, and those that there are.
     what : str
         Their kind and whose they are, as ``parameter of machine.toml``.
 
@@ -475,8 +476,11 @@ def make_component(scenario, c, library, stack, allowed):
     Parameters
     ----------
     scenario : Scenario
+        Its folder is where files of the component are looked for.
     c : Component
+        As the scenario describes it.
     library : Library
+        Which holds the rigs of plants and controllers.
     stack : contextlib.ExitStack
         Takes down what the participant leaves: processes, folders.
     allowed : sequence of str or path
@@ -550,6 +554,7 @@ def naming(scenario, name):
     Parameters
     ----------
     scenario : Scenario
+        Its file is named as well.
     name : str or callable
         The component, or a function that tells it when there is an error.
 

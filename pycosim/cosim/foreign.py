@@ -33,6 +33,7 @@ class ForeignFmu:
     Parameters
     ----------
     path : path
+        Its binary runs in this process.
 
     Attributes
     ----------
@@ -160,7 +161,9 @@ class ForeignFmu:
         time : ndarray, shape (n,)
             Increasing [s].
         inputs : dict of str to ndarray, shape (n,)
+            In the FMU's units, at the samples.
         outputs : list of str
+            In the order of the result's rows.
 
         Returns
         -------
@@ -181,9 +184,13 @@ class ForeignFmu:
         values : dict of str to float
             With all that are free.
         free : list of str
+            Names among `values`, in the order of the slope's second axis.
         time : ndarray, shape (n,)
+            Increasing [s].
         inputs : dict of str to ndarray, shape (n,)
+            In the FMU's units, at the samples.
         outputs : list of str
+            In the order of the result's rows.
 
         Returns
         -------
@@ -337,7 +344,9 @@ def check_names(fmu, names, known, what):
     Parameters
     ----------
     fmu : ForeignFmu
+        Named in what is refused.
     names, known : collection of str
+        Names that a study has, and those that there are.
     what : str
         What they should be.
 

@@ -62,6 +62,7 @@ def cosimulate(scenario, until=None, resume=None, progress=None, library=None, s
     Parameters
     ----------
     scenario : Scenario or path
+        As read, or its file.
     until : float, optional
         Stop at this time [s], with a checkpoint.
     resume : bytes, optional
@@ -69,6 +70,7 @@ def cosimulate(scenario, until=None, resume=None, progress=None, library=None, s
     progress : callable, optional
         Called with a sentence now and then.
     library : Library, optional
+        Which holds rigs of plants and controllers; the package's own by default.
     stop : callable, optional
         Called at every instant; true ends the run there, as Ctrl-C does.
     save : callable, optional

@@ -60,7 +60,9 @@ def replay(dataset, model, parameters):
     Parameters
     ----------
     dataset : Dataset
+        Its logs hold what the estimator takes; without a torque reference, half differences are compared.
     model : Model
+        Its rig answers ``estimate``; with its effects.
     parameters : dict of str to float
         Of the model.
 

@@ -34,6 +34,7 @@ class Component:
     Attributes
     ----------
     name : str
+        In the scenario; the first part of its variables' names there.
     kind : str
         ``fmu``, ``plant``, ``controller``, ``python``, ``trajectory``, ``motion``.
     what : str
@@ -45,10 +46,13 @@ class Component:
     inputs : dict of str to float
         Values of inputs that nothing is connected to.
     parameters, start : dict of str to float
+        Instead of its own, in SI: parameters, and states at time zero.
     options : dict
+        Of a controller's or a trajectory's own.
     run : str
         ``fmu`` or ``process``.
     fmi : int
+        2 or 3: version that a plant or a controller is exported with.
     step : float
         Longest integration step of a plant [s].
     """
@@ -93,6 +97,7 @@ class Scenario:
     Attributes
     ----------
     path : Path
+        Its file; paths in it are relative to that.
     text : str
         The file as it was read.
     duration : float or None
@@ -106,7 +111,9 @@ class Scenario:
     connections : list of tuple
         ``(component, variable, component, variable)``; variables None where all of equal name are connected.
     log_rate : Fraction
+        Rows a second of the log [Hz].
     columns : dict of str to Column
+        Of the log: the signal, and the noise and steps of its sensor.
     """
 
     path: Path
@@ -130,6 +137,7 @@ class Scenario:
         Parameters
         ----------
         name : str
+            As in the scenario; an absolute path stays.
 
         Returns
         -------

@@ -23,10 +23,13 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
     Parameters
     ----------
     question : Question
+        Its ``late`` names the signals, and what says by how much.
     signals : dict of str to ndarray, shape (n,)
         As recorded.
     time, run : ndarray, shape (n,)
+        Of the samples [s], and the number of the log that each belongs to.
     parameters : dict of str to float
+        Delays [s] among them.
     slopes : dict of str to ndarray, optional
         Of those signals that are measured torques, without their noise. A spline takes noise away between samples,
         which would look like a better fit, and sees a slope where a torque jumps; with a slope, the nearest sample is
@@ -81,6 +84,7 @@ class Record:
     Parameters
     ----------
     time, values, run : ndarray, shape (n,)
+        Samples [s], the signal there, and the number of the log that each belongs to.
     """
 
     def __init__(self, time, values, run):

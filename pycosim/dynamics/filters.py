@@ -18,12 +18,15 @@ def recorded(question, outputs, values, time, run, parameters):
     Parameters
     ----------
     question : Question
+        Its ``held`` names the components, and what says the time constant [s].
     outputs : dict of str to str
         Outputs, and the component whose reference each of them is.
     values : dict of str to ndarray, shape (n,)
         Of the outputs among others, before the filters.
     time, run : ndarray, shape (n,)
+        Of the samples [s], and the number of the log that each belongs to.
     parameters : dict of str to float
+        Time constants [s] among them.
 
     Returns
     -------
@@ -43,8 +46,11 @@ def settings(question, outputs, parameters):
     Parameters
     ----------
     question : Question
+        Has the outputs.
     outputs : list of str
+        As in ``late`` and ``held`` of the question.
     parameters : dict of str to float
+        All of the question's.
 
     Returns
     -------
@@ -61,6 +67,7 @@ def first_order(values, lag, time, run):
     Parameters
     ----------
     values : ndarray, shape (k, n)
+        Signals before the filter, one a row, in any units.
     lag : float
         Time constant [s]; none from zero on down.
     time, run : ndarray, shape (n,)

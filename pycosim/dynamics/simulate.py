@@ -69,6 +69,7 @@ def dynamics(model, tolerance=TOLERANCE):
     Parameters
     ----------
     model : pycosim.compile.Model
+        Whose rig says in its annotation what ``simulate`` is given.
     tolerance : float
         Largest last correction of a step's unknowns, relative; single precision needs more than the default.
 
@@ -125,6 +126,7 @@ def step_function(model, h=None):
     Parameters
     ----------
     model : pycosim.compile.Model
+        As of `dynamics`.
     h : float, optional
         Step [s]; without it the step stays the last argument.
 
@@ -147,6 +149,7 @@ def with_parameters(d, function, name):
     Parameters
     ----------
     d : Dynamics
+        Whose function it is.
     function : casadi.Function
         ``initial`` or ``step``.
     name : str
@@ -169,6 +172,7 @@ def simulate(model, inputs, time, parameters=None, start=None, step=1e-3, hold=F
     Parameters
     ----------
     model : pycosim.compile.Model
+        As of `dynamics`.
     inputs : dict of str to float or ndarray, shape (n,)
         Inputs of the rig, linear between samples; those not given are zero.
     time : ndarray, shape (n,)
@@ -259,6 +263,7 @@ def estimate(model, signals, time, parameters=None, form=0):
     Parameters
     ----------
     model : pycosim.compile.Model
+        Whose rig says in its annotation what ``estimate`` is given and asked for.
     signals : dict of str to float or ndarray, shape (n,)
         Known variables, and their derivatives as ``der(motor1.phi)``; a derivative that is not given is taken by
         central differences of its variable.
@@ -292,6 +297,7 @@ def compensate(model, signals, time, parameters=None, form=0):
     Parameters
     ----------
     model : pycosim.compile.Model
+        Whose rig says in its annotation what ``compensate`` is given and asked for.
     signals : dict of str to float or ndarray, shape (n,)
         Motion and wanted torques, and derivatives as ``der(motor1.phi)``; one that is not given is taken by central
         differences.
@@ -325,6 +331,7 @@ def answer(model, name, signals, time, parameters=None, form=0):
     Parameters
     ----------
     model : pycosim.compile.Model
+        Whose rig has that key.
     name : str
         Key of the annotation, as ``gravity_model``.
     signals, time, parameters, form

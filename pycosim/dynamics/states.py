@@ -23,6 +23,7 @@ def dependent_parameters(question):
     Parameters
     ----------
     question : Question
+        With or without friction states.
 
     Returns
     -------
@@ -155,6 +156,7 @@ def follow(question):
     Parameters
     ----------
     question : Question
+        Its ``rate`` is integrated.
 
     Returns
     -------
@@ -207,11 +209,14 @@ def propagate(question, signals, time, parameters, run=None, free=(), only=None)
     Parameters
     ----------
     question : Question
+        Its ``rate`` is integrated, exactly within each sample interval.
     signals : dict of str to ndarray, shape (n,)
         Inputs of the question; those that the states do not need may be missing. Where an angle is given, what it moved
         between samples is used rather than its speed.
     time : ndarray, shape (n,)
+        Of the samples [s], increasing within a log; intervals may differ.
     parameters : dict of str to float
+        All of the question's.
     run : ndarray, shape (n,), optional
         Index of the log a sample belongs to.
     free : list of str
@@ -298,6 +303,7 @@ def scan(growth, drive):
     Parameters
     ----------
     growth, drive : ndarray, shape (m, n)
+        A recursion a row; the last axis is that of the samples.
 
     Returns
     -------

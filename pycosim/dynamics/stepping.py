@@ -133,6 +133,7 @@ def jacobian(expression, y):
     Parameters
     ----------
     expression : casadi.SX, shape (m, 1)
+        Of `y` and other symbols.
     y : casadi.SX, shape (n, 1)
         Symbols.
 
@@ -179,6 +180,7 @@ def split_parameters(expressions, p):
     Parameters
     ----------
     expressions : list of casadi.SX
+        Of `p` and other symbols.
     p : casadi.SX, shape (n, 1)
         Parameters.
 
@@ -237,6 +239,7 @@ def with_choices(expression):
     Parameters
     ----------
     expression : SX, shape (n, 1)
+        With any number of ``fmin`` and ``fmax`` in it.
 
     Returns
     -------
@@ -331,6 +334,7 @@ def watched(step, speeds):
     step : casadi.Function
         Of `pycosim.dynamics.simulate.Dynamics`.
     speeds : list of int or None
+        For each state the number of the one that is its derivative, or None.
 
     Returns
     -------
@@ -353,6 +357,7 @@ def in_parts(d, x, z, u0, u1, q, t, h, halvings=HALVINGS):
     Parameters
     ----------
     d : pycosim.dynamics.simulate.Dynamics
+        Whose ``step`` is taken.
     x, z, u0, u1, q, t, h
         As its ``step`` takes them; inputs are linear in between.
     halvings : int
@@ -388,6 +393,7 @@ def steps(system, tolerance=TOLERANCE):
     Parameters
     ----------
     system : System
+        States, algebraic variables and residuals.
     tolerance : float
         Largest last correction, relative.
 
