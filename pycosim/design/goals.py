@@ -10,6 +10,7 @@ def goal_named(name):
     Parameters
     ----------
     name : str
+        As ``alternatives``, or ``twins``, its former name.
 
     Returns
     -------

@@ -22,11 +22,15 @@ def profile_likelihood(dataset, model, fit, name, points=POINTS, reach=3.0):
     Parameters
     ----------
     dataset : Dataset
+        To which everything else is fitted again at each point.
     model : Model
+        The rig with its effects.
     fit : Fit
+        Where the profile is lowest.
     name : str
         A free parameter.
     points : int
+        Of the grid.
     reach : float
         Of the grid about the estimate, in half widths of the interval.
 
@@ -63,6 +67,7 @@ def channels_compared(plan):
     Parameters
     ----------
     plan : Plan
+        Its motion is predicted twice.
 
     Returns
     -------
@@ -107,6 +112,7 @@ def identifiability(plan, profiles=True):
     Parameters
     ----------
     plan : Plan
+        With what was known before it.
     profiles : bool
         With profile likelihoods of the parameters that earlier data put at a bound, or at none.
 

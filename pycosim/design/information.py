@@ -68,6 +68,7 @@ class Block:
     Attributes
     ----------
     model : Model
+        That predicts the log, and whose derivatives count.
     free : list of str
         Parameters to differentiate by.
     values : dict of str to float
@@ -102,6 +103,7 @@ class Node:
     asked : Asked
         What is compared, see `pycosim.plan.Asked`.
     kin : Kinematics
+        How angles and speeds of segments and joints follow from those of the motors.
     """
 
     def __init__(self, asked, kin):
@@ -145,7 +147,9 @@ class Node:
         Parameters
         ----------
         model : Model
+            Whose rig can tell its motors' torques from its motion.
         values : dict of str to float
+            Of every parameter.
 
         Returns
         -------
@@ -173,7 +177,9 @@ class Node:
         Parameters
         ----------
         model : Model
+            Whose rig has a model of its load.
         values : dict of str to float
+            Of every parameter.
 
         Returns
         -------
@@ -192,10 +198,13 @@ class Node:
         Parameters
         ----------
         model : Model
+            That is differentiated.
         values : dict of str to float
+            Where it is.
         given : dict of str to SX
             Known torques.
         free : sequence of str
+            Parameters, in the order of the slope's columns.
 
         Returns
         -------
@@ -219,10 +228,13 @@ class Node:
         Parameters
         ----------
         model : Model
+            Its segments' mean loads are looked at.
         values : dict of str to float
+            Of every parameter.
         given : dict of str to SX
             Known torques.
         noise : list of ChannelNoise
+            One a channel.
 
         Returns
         -------
@@ -253,7 +265,9 @@ class Node:
         Parameters
         ----------
         block : Block
+            Of the blocks that it was made with.
         noise : list of ChannelNoise
+            One a channel; columns are in units of it.
 
         Returns
         -------
@@ -275,8 +289,11 @@ class StrokeInformation:
     Parameters
     ----------
     asked : Asked
+        What is compared.
     kin : Kinematics
+        Of the rig.
     blocks : list of Block
+        What is to be learnt.
     limited : (Model, dict)
         Model and parameters that predict the torque for its limit.
     noise : list of ChannelNoise
@@ -302,7 +319,9 @@ class StrokeInformation:
         Parameters
         ----------
         centre, velocity : MX, shape (motors, 1)
+            Of the stroke [rad], and of its way out between the ramps [rad/s].
         travel, ramp : MX
+            As those of a `Stroke` [s].
         signs : ndarray, shape (segments,)
             Direction of each segment on the way out.
 

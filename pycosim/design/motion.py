@@ -62,6 +62,7 @@ class Piece:
     Attributes
     ----------
     label : str
+        Of its samples: ``name+`` and ``name-`` of a stroke, ``transfer`` or ``rest``.
     begin, duration, ramp : float
         [s]
     start : ndarray, shape (motors,)
@@ -69,6 +70,7 @@ class Piece:
     velocity : ndarray, shape (motors,)
         Between the ramps [rad/s].
     held_out : bool
+        Whether the fit is to leave it out.
     """
 
     label: str
@@ -91,10 +93,13 @@ class Motion:
     angle, speed, acceleration : ndarray, shape (motors, n)
         [rad], [rad/s], [rad/s2]
     label : ndarray of str, shape (n,)
+        The piece that each sample belongs to.
     held_out : list of (float, float)
         Times from and to [s].
     strokes : list of Stroke
+        In the order in which they are made.
     pieces : list of Piece
+        All of the time, without gaps.
     """
 
     time: np.ndarray
@@ -118,6 +123,7 @@ def ordered(strokes, speed, acceleration):
     Parameters
     ----------
     strokes : list of Stroke
+        In any order.
     speed, acceleration : ndarray, shape (motors,)
         Greatest size on those ways [rad/s], [rad/s2].
 

@@ -36,10 +36,13 @@ class Asked:
     Attributes
     ----------
     outputs, known : list of str
+        Variables that are computed, and those that they are computed from.
     paired : bool
+        Whether half differences of ways out and back are compared, for want of a torque reference.
     ask : callable
         Question of a model.
     channels : list of str
+        What is compared, as ``C_H`` or ``C_H_pair``.
     w_min : float
         [rad/s]
     """
@@ -58,8 +61,11 @@ def asked(study, model, dataset=None):
     Parameters
     ----------
     study : Study
+        Its columns and its reference count where there is no data set.
     model : Model
+        Whose rig says what it can answer.
     dataset : Dataset, optional
+        Logs made by now.
 
     Returns
     -------
@@ -84,7 +90,9 @@ def noise_of(fit, info):
     Parameters
     ----------
     fit : Fit
+        Whose noise is known.
     info : Asked
+        What the planned log will compare.
 
     Returns
     -------
@@ -100,9 +108,11 @@ def prior_of(fit=None, free=(), variables=None):
     Parameters
     ----------
     fit : Fit, optional
+        What the data told; without one, the bounds alone count.
     free : list of str, optional
         The fit's by default.
     variables : dict of str to Variable, optional
+        Bounds of the parameters; those of the fit by default.
 
     Returns
     -------
@@ -138,8 +148,11 @@ class Optimiser:
     Parameters
     ----------
     workspace : Workspace
+        Where the motors can go, and in which zones of direction.
     info : StrokeInformation
+        What a stroke tells.
     blocks : list of Block
+        Those that `info` was made with.
     budget : float
         [s]
     w_min : float
@@ -275,6 +288,7 @@ class Optimiser:
         Parameters
         ----------
         rng : numpy.random.Generator
+            Draws where the strokes lie and how long they are.
 
         Returns
         -------
@@ -300,9 +314,11 @@ class Optimiser:
         Parameters
         ----------
         rng : numpy.random.Generator
+            Draws the starts.
         seconds : float
             Time that may be used for it.
         progress : callable
+            Called with a sentence before each start.
 
         Returns
         -------
@@ -387,8 +403,11 @@ def spread(total, block, criterion):
     Parameters
     ----------
     total : MX, shape (p, p)
+        Information of the whole experiment, and of what was known.
     block : Block
+        Whose parameters these are.
     criterion : str
+        ``D``, ``E`` or ``intervals``.
 
     Returns
     -------

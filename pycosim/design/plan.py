@@ -35,6 +35,7 @@ def fast(limits):
     Parameters
     ----------
     limits : Limits
+        Of the motors; a margin is kept from them.
 
     Returns
     -------
@@ -50,7 +51,9 @@ def motion_of(design, workspace, budget, dwell, rate):
     Parameters
     ----------
     design : Design
+        Strokes, and the seconds that each is to last.
     workspace : Workspace
+        Its limits hold on the ways between strokes too.
     budget : float
         [s]
     dwell : float
@@ -100,18 +103,27 @@ class Known:
     Attributes
     ----------
     study : Study
+        With its limits.
     library : Library
+        Which holds the rig and the effects.
     model : Model
         With the study's effects.
     dataset : Dataset or None
+        Logs made by now.
     fit : Fit or None
+        Of the model to these.
     asked : Asked
+        What the planned log will compare.
     free : list of str
+        Parameters to be learnt.
     values : dict of str to float
+        Of every parameter, as far as it is known.
     prior : ndarray, shape (p, p)
         Inverse covariance of the free parameters.
     noise : list of ChannelNoise
+        One a channel.
     workspace : Workspace
+        Where the motors can go.
     assumed : bool
         Whether the noise is a guess.
     """
@@ -136,8 +148,11 @@ def known(study, library, model, dataset=None, fit=None):
     Parameters
     ----------
     study : Study
+        With its limits; its values count where nothing was measured.
     library : Library
+        Which holds the rig and the effects.
     model : Model
+        With the study's effects.
     dataset : Dataset, optional
         What was measured already.
     fit : Fit, optional
@@ -181,9 +196,11 @@ def twins_of(k, pairs=None, progress=None):
     Parameters
     ----------
     k : Known
+        With a data set, which is diagnosed where no pairs are given.
     pairs : list of tuple, optional
         Pairs of (effect, place); those that the diagnosis cannot separate by default.
     progress : callable, optional
+        Called with a sentence before each stage.
 
     Returns
     -------
@@ -222,7 +239,9 @@ def rivals(pairs, fitted):
     Parameters
     ----------
     pairs : list of (key, key)
+        Effects with their places.
     fitted : dict of key to (Model, Fit)
+        Each of them, fitted to the same data.
 
     Returns
     -------
@@ -248,7 +267,9 @@ def hidden_of(k, wanted):
     Parameters
     ----------
     k : Known
+        Its model is the one without the effects.
     wanted : list of (effect, place)
+        To be seen.
 
     Returns
     -------
@@ -274,6 +295,7 @@ def foreseen(k, blocks):
     Parameters
     ----------
     k : Known
+        Whose rig is asked.
     blocks : list of Block
         Of single effects against nothing.
 
@@ -303,6 +325,7 @@ def hidden_effects(k):
     Parameters
     ----------
     k : Known
+        Whose rig is asked; what its model has already is left out.
 
     Returns
     -------
@@ -330,10 +353,15 @@ class Plan:
     Attributes
     ----------
     goal : str
+        ``parameters``, ``alternatives`` or ``detect``.
     known : Known
+        What it was made from.
     motion : Motion
+        Sample by sample.
     design : Design
+        Strokes as the optimiser left them, before whole cycles were made of them.
     blocks : list of Block
+        What is to be learnt.
     fit : Fit
         That the identification should make of the new log alone.
     covariance : ndarray, shape (p, p)
@@ -341,6 +369,7 @@ class Plan:
     torque : ndarray, shape (motors, n) or None
         Predicted [N.m].
     budget, rate : float
+        Longest duration [s], and samples a second [Hz].
     """
 
     goal: str
@@ -363,6 +392,7 @@ def make_plan(k, goal="parameters", budget=120.0, rate=100.0, blocks=None, crite
     Parameters
     ----------
     k : Known
+        Of `known`.
     goal : str
         ``parameters``, ``alternatives`` or ``detect``.
     budget : float
@@ -436,6 +466,7 @@ def determined(fit):
     Parameters
     ----------
     fit : Fit
+        Of what was measured by now.
 
     Returns
     -------
@@ -487,7 +518,9 @@ def table(motors, motion):
     Parameters
     ----------
     motors : sequence of str
+        Components, as ``motor1``, in the order of the motion's rows.
     motion : Motion
+        Angles [rad] and speeds [rad/s] of these.
 
     Returns
     -------
@@ -506,6 +539,7 @@ def separations(plan):
     Parameters
     ----------
     plan : Plan
+        Those of its blocks that have a rival.
 
     Returns
     -------

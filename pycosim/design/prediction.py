@@ -25,10 +25,15 @@ def signals_of(asked, kin, model, values, motion):
     Parameters
     ----------
     asked : Asked
+        What will be compared.
     kin : Kinematics
+        Of the rig.
     model : Model
+        The machine, as far as it is known.
     values : dict of str to float
+        Of every parameter.
     motion : Motion
+        Of the motors.
 
     Returns
     -------
@@ -55,13 +60,19 @@ def expected(study, library, asked, kin, model, values, motion, measured=()):
     Parameters
     ----------
     study : Study
+        Whose columns and limits hold.
     library : Library
+        Which holds the rig.
     asked : Asked
+        What will be compared.
     kin : Kinematics
+        Of the rig.
     model : Model
         The machine, as far as it is known.
     values : dict of str to float
+        Of every parameter.
     motion : Motion
+        Of the motors.
     measured : sequence of str
         Variables of earlier logs; what the model does not predict of them stays constant.
 
@@ -98,12 +109,17 @@ def predicted_fit(dataset, model, free, values, noise, part="fit", seed=0):
     dataset : Dataset
         Of `expected`.
     model : Model
+        That will be fitted.
     free : list of str
+        Parameters that will be fitted.
     values : dict of str to float
+        Of every parameter; the fit comes out there.
     noise : list of ChannelNoise
+        One a channel.
     part : str
         ``fit`` or ``all``.
     seed : int
+        Of the noise that is drawn.
 
     Returns
     -------
@@ -142,9 +158,13 @@ def drawn_noise(dataset, noise, part, rng):
     Parameters
     ----------
     dataset : Dataset
+        Its times and its pairs count.
     noise : list of ChannelNoise
+        One a channel.
     part : str
+        ``fit`` or ``all``.
     rng : numpy.random.Generator
+        Draws it.
 
     Returns
     -------

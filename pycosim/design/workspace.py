@@ -75,6 +75,7 @@ def kinematics(model, values=None):
     Parameters
     ----------
     model : Model
+        Effects do not change it.
     values : dict of str to float, optional
         Parameters; the model's by default.
 
@@ -126,6 +127,7 @@ class Limits:
     low, high : ndarray, shape (k,)
         [rad]
     names : list of str
+        Of the rows, as the study has them.
     speed, acceleration, torque : ndarray, shape (motors,)
         Greatest size [rad/s], [rad/s2], [N.m].
     """
@@ -159,6 +161,7 @@ def read_limits(text, kin):
     text : str
         As ``q_H``, ``q_H + q_K`` or ``0.5 * motor1.phi - q_K``.
     kin : Kinematics
+        Whose motors and joints can be named.
 
     Returns
     -------
@@ -191,8 +194,11 @@ def limits_of(study, model, kin):
     Parameters
     ----------
     study : Study
+        Its ``[limits]``.
     model : Model
+        Min and max of its joint angles.
     kin : Kinematics
+        Of the model.
 
     Returns
     -------
@@ -280,7 +286,9 @@ class Workspace:
     Parameters
     ----------
     kinematics : Kinematics
+        Of the rig.
     limits : Limits
+        Stops [rad], and greatest speeds, accelerations and torques.
     """
 
     kinematics: Kinematics
@@ -414,6 +422,7 @@ class Workspace:
         Parameters
         ----------
         start, direction : ndarray, shape (motors,)
+            A point within the stops [rad], and which way to go.
 
         Returns
         -------
