@@ -16,6 +16,7 @@
    it in all, and RK4's weights give the mean over the step. */
 
 #include <math.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 #include <mujoco/mujoco.h>
@@ -26,23 +27,40 @@
 #define PLAIN 8         /* corrections taken whole */
 #define MOST 30         /* then shortened ones, as far as the next one gets smaller */
 #define GAMMA 0.29289321881345248 /* 1 - sqrt(1/2), of the L-stable method of order two with two stages */
+#define PAST 4          /* accelerations of last steps that a guess is made of */
 #define SAME 1e-9       /* relative and of 1 rad/s; as near is a speed that RK4 made to where it should be */
+
+/* What a step calls becomes one function, for any processor and for one with AVX2 and FMA. */
+#if defined(__GNUC__) && defined(__x86_64__) && !defined(_WIN32)
+#define INLINE static inline __attribute__((always_inline))
+#define APART static __attribute__((noinline)) /* its loops are too short for wide registers */
+#define WIDE __attribute__((target("avx2,fma")))
+#define HAS_WIDE (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+#else
+#define INLINE static
+#define APART static
+#define WIDE
+#define HAS_WIDE 0
+#endif
 
 typedef struct {
   int n, nv, dofs, full;                 /* actuators, degrees of freedom: MuJoCo's, the drives' trees'; own pattern? */
+  int single, *first, *at;               /* J by rows: has each one entry? where they begin; columns */
+  double *by;                            /* its entries */
   int *output, *control, *dof, *has;     /* of each actuator; the trees' degrees of freedom, which they are */
   int *length, *start, *column;          /* the matrix by rows up to the diagonal, as MuJoCo stores M */
+  int *place;                            /* where in it the drives' entries are, in their order */
   double q[NQ];
   double *lower, *upper, *inverse;       /* the matrix, then its factors; columns up to the diagonal; 1 / pivots */
   double *push, *left, *change, *next;   /* forces; what x still misses, its correction, what the next misses */
-  double *phi, *w;                       /* of the actuators at the start of a step, or of a part: angle, speed */
+  double *phi, *w, *u;                   /* of actuators at the start of a step, or of a part: angle, speed, control */
   double *v, *tau, *slope;               /* at its end: speed, torque, slope (n x NM) */
   double *turn, *line;                   /* their correction of the speed, and of the torque along a straight line */
-  double *trial, *trial_tau, *trial_slope, *spare, *mean, *after;
+  double *trial, *trial_tau, *trial_slope, *spare, *mean, *ratio, *after;
   double *guess, *ahead;                 /* acceleration; what it makes of the speed, until the first correction */
   double *rate;                          /* acceleration that was found */
-  int begun;                             /* whether a step is: these are of its start */
-  double time, *qpos, *qvel, *phi_start, *w_start, *u_start;
+  int begun, stages;                     /* whether a step is; whether it is one of RK4, and these are of its start */
+  double time, *qpos, *qvel, *phi_start, *w_start;
 } Drive;
 
 static int count(const mjModel *m, int instance) {
@@ -53,7 +71,7 @@ static int count(const mjModel *m, int instance) {
 
 static int nstate(const mjModel *m, int instance) {
   const int n = count(m, instance);
-  return n / NM * NX + m->nv + 2 * n; /* friction states; what constraints did; accelerations found, twice */
+  return n / NM * NX + m->nv + PAST * n; /* friction states; what constraints did; accelerations: differences */
 }
 
 static void destroy(mjData *d, int instance) {
@@ -62,8 +80,10 @@ static void destroy(mjData *d, int instance) {
     free(e->output);
     free(e->push);
     free(e->qpos);
+    free(e->by);
     free(e->column);
     free(e->lower);
+    free(e->place);
     free(e);
   }
   d->plugin_data[instance] = 0;
@@ -106,22 +126,24 @@ static int init(const mjModel *m, mjData *d, int instance) {
   }
   Drive *e = (Drive *)calloc(1, sizeof(Drive));
   d->plugin_data[instance] = (uintptr_t)e;
-  if (e) e->output = (int *)calloc(2 * (size_t)n + 4 * (size_t)nv + 1, sizeof(int));
-  if (e) e->push = (double *)calloc(5 * (size_t)nv + (13 + 2 * NM + NX) * (size_t)n + 1, sizeof(double));
-  if (e) e->qpos = (double *)calloc((size_t)m->nq + nv + 3 * (size_t)n + 1, sizeof(double));
-  if (!e || !e->output || !e->push || !e->qpos || !room(e, m->nC) || !configure(m, instance, e)) {
+  if (e) e->output = (int *)calloc(3 * (size_t)n + 4 * (size_t)nv + (size_t)n * nv + 2, sizeof(int));
+  if (e) e->by = (double *)calloc((size_t)n * nv + 1, sizeof(double));
+  if (e) e->push = (double *)calloc(5 * (size_t)nv + (15 + 2 * NM + NX) * (size_t)n + 1, sizeof(double));
+  if (e) e->qpos = (double *)calloc((size_t)m->nq + nv + 2 * (size_t)n + 1, sizeof(double));
+  if (!e || !e->output || !e->push || !e->qpos || !e->by || !room(e, m->nC) || !configure(m, instance, e)) {
     destroy(d, instance);
     return -1;
   }
   e->n = n, e->nv = nv;
   e->control = e->output + n, e->dof = e->control + n, e->has = e->dof + nv, e->length = e->has + nv;
-  e->start = e->length + nv;
+  e->start = e->length + nv, e->first = e->start + nv, e->at = e->first + n + 1;
   e->left = e->push + nv, e->change = e->left + nv, e->next = e->change + nv, e->inverse = e->next + nv;
   e->v = e->inverse + nv, e->tau = e->v + n, e->turn = e->tau + n, e->line = e->turn + n, e->trial = e->line + n;
   e->trial_tau = e->trial + n, e->spare = e->trial_tau + n, e->slope = e->spare + n;
   e->trial_slope = e->slope + n * NM, e->phi = e->trial_slope + n * NM, e->w = e->phi + n, e->mean = e->w + n;
-  e->ahead = e->mean + n, e->guess = e->ahead + n, e->rate = e->guess + n, e->after = e->rate + n;
-  e->qvel = e->qpos + m->nq, e->phi_start = e->qvel + nv, e->w_start = e->phi_start + n, e->u_start = e->w_start + n;
+  e->ahead = e->mean + n, e->guess = e->ahead + n, e->rate = e->guess + n, e->u = e->rate + n, e->ratio = e->u + n;
+  e->after = e->ratio + n;
+  e->qvel = e->qpos + m->nq, e->phi_start = e->qvel + nv, e->w_start = e->phi_start + n;
   memcpy(e->length, m->M_rownnz, nv * sizeof(int));
   memcpy(e->start, m->M_rowadr, nv * sizeof(int));
   memcpy(e->column, m->M_colind, m->nC * sizeof(int));
@@ -134,91 +156,135 @@ static int init(const mjModel *m, mjData *d, int instance) {
 }
 
 static void reset(const mjModel *m, mjtNum *state, void *data, int instance) {
-  if (data) ((Drive *)data)->begun = 0;
+  if (data) ((Drive *)data)->begun = ((Drive *)data)->stages = 0;
   memset(state, 0, m->plugin_statenum[instance] * sizeof(mjtNum));
 }
 
 /* --- the actuators' moments, J */
 
-static void add_moment(const mjData *d, int output, double by, double *x) {
-  const int first = d->moment_rowadr[output], last = first + d->moment_rownnz[output];
-  for (int k = first; k < last; ++k) x[d->moment_colind[k]] += by * d->actuator_moment[k];
+/* J of this moment. Whether it has the pattern that it had. */
+INLINE int gather(const mjData *d, Drive *e) {
+  int same = 1, p = 0;
+  if (e->single) {
+    for (int k = 0; k < e->n; ++k) {
+      const int from = d->moment_rowadr[e->output[k]];
+      same &= (d->moment_rownnz[e->output[k]] == 1) & (d->moment_colind[from] == e->at[k]);
+      e->by[k] = d->actuator_moment[from];
+    }
+    if (same) return 1;
+  }
+  for (int k = 0; k < e->n; ++k) {
+    const int from = d->moment_rowadr[e->output[k]], many = d->moment_rownnz[e->output[k]];
+    for (int l = 0; l < many; ++l, ++p) {
+      same &= e->at[p] == d->moment_colind[from + l];
+      e->at[p] = d->moment_colind[from + l];
+      e->by[p] = d->actuator_moment[from + l];
+    }
+    same &= e->first[k + 1] == p;
+    e->first[k + 1] = p;
+  }
+  return same;
 }
 
-static double along(const mjData *d, int output, const double *x) {
-  const int first = d->moment_rowadr[output], last = first + d->moment_rownnz[output];
-  double sum = 0;
-  for (int k = first; k < last; ++k) sum += d->actuator_moment[k] * x[d->moment_colind[k]];
-  return sum;
+/* What the bodies' speeds x turn the actuators by. */
+INLINE void turn_of(const Drive *e, const double *restrict x, double *restrict turn) {
+  if (e->single) {
+    for (int k = 0; k < e->n; ++k) turn[k] = e->by[k] * x[e->at[k]];
+    return;
+  }
+  for (int k = 0; k < e->n; ++k) {
+    turn[k] = 0;
+    for (int p = e->first[k]; p < e->first[k + 1]; ++p) turn[k] += e->by[p] * x[e->at[p]];
+  }
+}
+
+/* What h times the actuators' torques push the bodies by, added to x. */
+INLINE void push_by(const Drive *e, double h, const double *restrict tau, double *restrict x) {
+  if (e->single) {
+    for (int k = 0; k < e->n; ++k) x[e->at[k]] += h * tau[k] * e->by[k];
+    return;
+  }
+  for (int k = 0; k < e->n; ++k)
+    for (int p = e->first[k]; p < e->first[k + 1]; ++p) x[e->at[p]] += h * tau[k] * e->by[p];
 }
 
 /* --- the matrix */
 
 /* Where row i of the matrix has column j <= i; -1 where its pattern has none. */
-static int place(const Drive *e, int i, int j) {
+static int find(const Drive *e, int i, int j) {
   int k = e->start[i] + e->length[i] - 1;
   while (k >= e->start[i] && e->column[k] > j) --k;
   return k >= e->start[i] && e->column[k] == j ? k : -1;
 }
 
-/* Whether all that the drives couple has a place in the matrix. */
-static int fits(const mjData *d, const Drive *e) {
-  for (int a = 0; a < e->n; ++a) {
-    const int *of = d->moment_colind + d->moment_rowadr[e->output[a]], many = d->moment_rownnz[e->output[a]];
-    for (int k = 0; k < many; ++k)
-      if (!e->has[of[k]]) return 0;
-    if (NM == 1 && many < 2) continue;
-    for (int b = a / NM * NM; b <= a; ++b) {
-      const int *to = d->moment_colind + d->moment_rowadr[e->output[b]], more = d->moment_rownnz[e->output[b]];
-      for (int k = 0; k < many; ++k)
-        for (int l = 0; l < more; ++l)
-          if (place(e, of[k] > to[l] ? of[k] : to[l], of[k] > to[l] ? to[l] : of[k]) < 0) return 0;
-    }
-  }
-  return 1;
+/* Finds a place in the matrix for all that the drives couple. 0 where it has none, or there is no room for the list. */
+static int settle(Drive *e) {
+  size_t entries = 0;
+  for (int a = 0; a < e->n; ++a)
+    for (int b = a / NM * NM; b < a / NM * NM + NM; ++b)
+      entries += (size_t)(e->first[a + 1] - e->first[a]) * (e->first[b + 1] - e->first[b]);
+  free(e->place);
+  int *to = e->place = (int *)malloc((entries + 1) * sizeof(int));
+  for (int a = 0; to && a < e->n; ++a)
+    for (int b = a / NM * NM; b < a / NM * NM + NM; ++b)
+      for (int k = e->first[a]; k < e->first[a + 1]; ++k)
+        for (int l = e->first[b]; l < e->first[b + 1]; ++l) {
+          const int i = e->at[k], j = e->at[l];
+          if ((*to++ = find(e, i > j ? i : j, i > j ? j : i)) < 0) return 0;
+        }
+  return to != 0;
 }
 
-/* The degrees of freedom of the trees that the drives move, and a pattern that has all that they couple: MuJoCo's, or,
-   where an actuator couples branches, a full one. 0 where there is no room. */
-static int arrange(const mjModel *m, const mjData *d, Drive *e) {
-  for (int a = 0; a < e->n; ++a) {
-    const int *of = d->moment_colind + d->moment_rowadr[e->output[a]], many = d->moment_rownnz[e->output[a]];
-    for (int k = 0; k < many; ++k)
-      for (int i = 0; i < e->nv; ++i) e->has[i] |= m->dof_treeid[i] == m->dof_treeid[of[k]];
-  }
-  e->dofs = 0;
+/* For a new pattern of J: the degrees of freedom of the trees that the drives move, and the matrix's pattern, which has
+   all that they couple: MuJoCo's, or, where an actuator couples branches, a full one. 0 where there is no room. */
+static int arrange(const mjModel *m, Drive *e) {
+  e->single = 1, e->dofs = 0;
+  for (int k = 0; k < e->n; ++k) e->single &= e->first[k] == k && e->first[k + 1] == k + 1;
+  for (int p = 0; p < e->first[e->n]; ++p)
+    for (int i = 0; i < e->nv; ++i) e->has[i] |= m->dof_treeid[i] == m->dof_treeid[e->at[p]];
   for (int i = 0; i < e->nv; ++i)
     if (e->has[i]) e->dof[e->dofs++] = i;
-  if (!e->full && fits(d, e)) return 1;
-  e->full = 1;
-  if (!room(e, (size_t)e->dofs * (e->dofs + 1) / 2)) return 0;
-  for (int i = 0, at = 0; i < e->dofs; ++i) {
-    e->length[e->dof[i]] = i + 1, e->start[e->dof[i]] = at;
-    for (int j = 0; j <= i; ++j) e->column[at++] = e->dof[j];
+  if (e->full || !settle(e)) {
+    e->full = 1;
+    if (!room(e, (size_t)e->dofs * (e->dofs + 1) / 2)) return 0;
+    for (int i = 0, at = 0; i < e->dofs; ++i) {
+      e->length[e->dof[i]] = i + 1, e->start[e->dof[i]] = at;
+      for (int j = 0; j <= i; ++j) e->column[at++] = e->dof[j];
+    }
+    if (!settle(e)) return 0;
   }
+  for (int i = 1; i < e->dofs; ++i) /* branches side by side: what does not wait for each other is worked out at once */
+    for (int k = i; k > 0 && e->length[e->dof[k]] < e->length[e->dof[k - 1]]; --k) {
+      const int dof = e->dof[k];
+      e->dof[k] = e->dof[k - 1], e->dof[k - 1] = dof;
+    }
   return 1;
 }
 
 /* The matrix M - h J' tau' J. */
-static void assemble(const mjModel *m, const mjData *d, Drive *e, double h) {
+INLINE void assemble(const mjModel *m, const mjData *d, Drive *e, double h) {
   if (!e->full) memcpy(e->lower, d->M, m->nC * sizeof(double));
   else memset(e->lower, 0, (size_t)e->dofs * (e->dofs + 1) / 2 * sizeof(double));
   for (int at = 0; e->full && at < e->dofs; ++at) {
     const int i = e->dof[at], last = m->M_rowadr[i] + m->M_rownnz[i];
-    for (int k = m->M_rowadr[i]; k < last; ++k) e->lower[place(e, i, m->M_colind[k])] = d->M[k];
+    for (int k = m->M_rowadr[i]; k < last; ++k) e->lower[find(e, i, m->M_colind[k])] = d->M[k];
   }
   if (NM > 1) memcpy(e->upper, e->lower, (size_t)(e->upper - e->lower) * sizeof(double));
+  const int *to = e->place;
+  if (NM == 1 && e->single) {
+    for (int k = 0; k < e->n; ++k) e->lower[to[k]] -= h * e->slope[k] * e->by[k] * e->by[k];
+    return;
+  }
   for (int a = 0; a < e->n; ++a) { /* torque of actuator a over the speed of actuator b */
-    const int of = d->moment_rowadr[e->output[a]], many = d->moment_rownnz[e->output[a]];
     for (int c = 0; c < NM; ++c) {
-      const int b = a / NM * NM + c, to = d->moment_rowadr[e->output[b]], more = d->moment_rownnz[e->output[b]];
+      const int b = a / NM * NM + c;
       const double by = h * e->slope[b * NM + a % NM];
-      for (int k = of; k < of + many; ++k) {
-        for (int l = to; l < to + more; ++l) {
-          const int i = d->moment_colind[k], j = d->moment_colind[l];
-          const double entry = by * d->actuator_moment[k] * d->actuator_moment[l];
-          if (i >= j) e->lower[place(e, i, j)] -= entry;
-          if (NM > 1 && i <= j) e->upper[place(e, j, i)] -= entry;
+      for (int k = e->first[a]; k < e->first[a + 1]; ++k) {
+        for (int l = e->first[b]; l < e->first[b + 1]; ++l) {
+          const double entry = by * e->by[k] * e->by[l];
+          if (e->at[k] >= e->at[l]) e->lower[*to] -= entry;
+          if (NM > 1 && e->at[k] <= e->at[l]) e->upper[*to] -= entry;
+          ++to;
         }
       }
     }
@@ -227,7 +293,7 @@ static void assemble(const mjModel *m, const mjData *d, Drive *e, double h) {
 
 /* Its factors, from the leaves of the tree to its root, and the first half of the solution x, in whose place the right
    side was; no pivots are needed, as torque falls with speed. */
-static void factorise(Drive *e, double *restrict x) {
+APART void factorise(Drive *e, double *restrict x) {
   for (int at = e->dofs - 1; at >= 0; --at) {
     const int i = e->dof[at], many = e->length[i] - 1, *of = e->column + e->start[i];
     const double *row = e->lower + e->start[i], *column = e->upper + e->start[i];
@@ -243,7 +309,7 @@ static void factorise(Drive *e, double *restrict x) {
 }
 
 /* The first half with the factors as they are. */
-static void descend(const Drive *e, double *restrict x) {
+APART void descend(const Drive *e, double *restrict x) {
   for (int at = e->dofs - 1; at >= 0; --at) {
     const int i = e->dof[at], many = e->length[i] - 1, *of = e->column + e->start[i];
     const double *column = e->upper + e->start[i], by = x[i] * e->inverse[i];
@@ -252,7 +318,7 @@ static void descend(const Drive *e, double *restrict x) {
 }
 
 /* The second half. */
-static void ascend(const Drive *e, double *restrict x) {
+APART void ascend(const Drive *e, double *restrict x) {
   for (int at = 0; at < e->dofs; ++at) {
     const int i = e->dof[at], many = e->length[i] - 1, *of = e->column + e->start[i];
     const double *row = e->lower + e->start[i];
@@ -265,35 +331,49 @@ static void ascend(const Drive *e, double *restrict x) {
 /* --- a step */
 
 /* Where the step starts. */
-static void begin(const mjModel *m, const mjData *d, Drive *e) {
+INLINE void begin(const mjModel *m, const mjData *d, Drive *e) {
   for (int k = 0; k < e->n; ++k) {
-    e->phi_start[k] = d->actuator_length[e->output[k]];
-    e->w_start[k] = d->actuator_velocity[e->output[k]];
-    e->u_start[k] = d->ctrl[e->control[k]];
+    e->phi[k] = d->actuator_length[e->output[k]];
+    e->w[k] = d->actuator_velocity[e->output[k]];
+    e->u[k] = d->ctrl[e->control[k]];
   }
+  e->time = d->time;
+  e->begun = 1, e->stages = m->opt.integrator == mjINT_RK4;
+  if (!e->stages) return;
+  memcpy(e->phi_start, e->phi, e->n * sizeof(double));
+  memcpy(e->w_start, e->w, e->n * sizeof(double));
   memcpy(e->qpos, d->qpos, m->nq * sizeof(double));
   memcpy(e->qvel, d->qvel, e->nv * sizeof(double));
-  e->time = d->time;
-  e->begun = 1;
 }
 
 /* Whether this is a later stage of the step that was begun: RK4 made its time, and its speed by the last qacc. */
-static int later(const mjModel *m, const mjData *d, const Drive *e) {
+INLINE int later(const mjModel *m, const mjData *d, const Drive *e) {
   const double t = d->time - e->time;
-  if (m->opt.integrator != mjINT_RK4 || !e->begun || t <= 0 || t > m->opt.timestep * (1 + SAME)) return 0;
+  if (m->opt.integrator != mjINT_RK4 || !e->stages || t <= 0 || t > m->opt.timestep * (1 + SAME)) return 0;
   for (int i = 0; i < e->nv; ++i)
     if (!(fabs(d->qvel[i] - e->qvel[i] - t * d->qacc[i]) <= SAME * (1 + fabs(d->qvel[i])))) return 0;
   return 1;
 }
 
-static int any(const double *x, int n) {
-  int found = 0;
-  for (int i = 0; i < n; ++i) found |= x[i] != 0;
-  return found;
+/* Back to the start from a later stage. */
+INLINE void return_to_start(Drive *e) {
+  memcpy(e->phi, e->phi_start, e->n * sizeof(double));
+  memcpy(e->w, e->w_start, e->n * sizeof(double));
+}
+
+/* Whether any is not zero: all bits but the sign's, taken together. */
+INLINE int any(const double *x, int n) {
+  uint64_t found = 0, bits;
+#pragma GCC unroll 4
+  for (int i = 0; i < n; ++i) {
+    memcpy(&bits, x + i, sizeof(bits));
+    found |= bits;
+  }
+  return found << 1 != 0;
 }
 
 /* Forces on the bodies but for the drives'. */
-static void see_bodies(const mjModel *m, mjData *d, int instance, Drive *e, const double *constrained) {
+INLINE void see_bodies(const mjModel *m, mjData *d, int instance, Drive *e, const double *constrained) {
   for (int i = 0; i < e->nv; ++i)
     e->push[i] = d->qfrc_passive[i] - d->qfrc_bias[i] + d->qfrc_applied[i] + constrained[i];
   if (any(d->xfrc_applied, 6 * m->nbody)) {
@@ -304,49 +384,62 @@ static void see_bodies(const mjModel *m, mjData *d, int instance, Drive *e, cons
   }
   for (int i = 0; e->n < m->nactuator && i < m->nactuator; ++i) {
     if (m->actuator_plugin[i] == instance) continue;
-    for (int k = m->actuator_outadr[i]; k < m->actuator_outadr[i] + m->actuator_outnum[i]; ++k)
-      add_moment(d, k, d->actuator_force[k], e->push);
+    for (int k = m->actuator_outadr[i]; k < m->actuator_outadr[i] + m->actuator_outnum[i]; ++k) {
+      const int from = d->moment_rowadr[k], to = from + d->moment_rownnz[k];
+      for (int p = from; p < to; ++p) e->push[d->moment_colind[p]] += d->actuator_force[k] * d->actuator_moment[p];
+    }
   }
 }
 
 /* Torques and their slopes at speeds. */
-static void ask(const Drive *e, const double *states, double t, double h, const double *v, double *tau,
+INLINE void ask(const Drive *e, const double *states, double t, double h, const double *v, double *tau,
                 double *slope) {
-  drive_implicit(e->n / NM, v, states, e->phi, e->w, e->u_start, t, h, e->q, tau, slope);
+  drive_implicit(e->n / NM, v, states, e->phi, e->w, e->u, t, h, e->q, tau, slope);
 }
 
-/* The larger of a size and that of x. */
-static double larger(double size, double x) { return fabs(x) <= size ? size : fabs(x); }
+/* The largest size of n numbers; what is no number counts as the largest. Without their signs, numbers are ordered as
+   their bits are, which a compiler compares several at a time. */
+INLINE double largest(const double *x, int n) {
+  int64_t most = 0, bits;
+  double size;
+  for (int i = 0; i < n; ++i) {
+    memcpy(&bits, x + i, sizeof(bits));
+    bits &= INT64_MAX;
+    most = bits > most ? bits : most;
+  }
+  memcpy(&size, &most, sizeof(size));
+  return size;
+}
 
 /* What correction x of the bodies' speeds turns the actuators by; the largest, relative to the speed. */
-static double turned(const mjData *d, const Drive *e, const double *x, double *turn) {
-  double largest = 0;
+INLINE double turned(const Drive *e, const double *x, double *restrict turn) {
+  turn_of(e, x, turn);
   for (int k = 0; k < e->n; ++k) {
-    turn[k] = along(d, e->output[k], x) - e->ahead[k];
-    largest = larger(largest, turn[k] / (1 + fabs(e->v[k])));
+    turn[k] -= e->ahead[k];
+    e->ratio[k] = turn[k] / (1 + fabs(e->v[k]));
   }
-  return largest;
+  return largest(e->ratio, e->n);
 }
 
 /* A correction, of what is left, by a new matrix. Its size. */
-static double correct(const mjModel *m, const mjData *d, Drive *e, double h) {
+INLINE double correct(const mjModel *m, const mjData *d, Drive *e, double h) {
   memcpy(e->change, e->left, e->nv * sizeof(double));
   assemble(m, d, e, h);
   factorise(e, e->change);
   ascend(e, e->change);
-  return turned(d, e, e->change, e->turn);
+  return turned(e, e->change, e->turn);
 }
 
 /* The same by the matrix of the last one. */
-static double correct_again(const mjData *d, Drive *e, const double *left, double *turn) {
+INLINE double correct_again(Drive *e, const double *left, double *turn) {
   memcpy(e->change, left, e->nv * sizeof(double));
   descend(e, e->change);
   ascend(e, e->change);
-  return turned(d, e, e->change, turn);
+  return turned(e, e->change, turn);
 }
 
 /* What a correction changes the torques by, along the line with these slopes. */
-static void along_line(const Drive *e, const double *slope, double *line) {
+INLINE void along_line(const Drive *e, const double *slope, double *restrict line) {
   for (int i = 0; i < e->n; i += NM) {
     for (int k = 0; k < NM; ++k) {
       double sum = 0;
@@ -356,70 +449,62 @@ static void along_line(const Drive *e, const double *slope, double *line) {
   }
 }
 
-/* Torques after a share of the correction, the largest of them, and what is left then. How far off the line. */
-static double attempt(const mjData *d, Drive *e, const double *states, double share, double t, double h,
-                      double *largest) {
-  double off = 0;
+/* Torques after a share of the correction, and what is left then. How far off the line they are. */
+INLINE double attempt(Drive *e, const double *states, double share, double t, double h) {
   for (int k = 0; k < e->n; ++k) e->trial[k] = e->v[k] + share * e->turn[k];
   ask(e, states, t, h, e->trial, e->trial_tau, e->trial_slope);
   for (int i = 0; i < e->nv; ++i) e->next[i] = (1 - share) * e->left[i];
-  *largest = 0;
-  for (int k = 0; k < e->n; ++k) {
-    e->spare[k] = e->trial_tau[k] - e->tau[k] - share * e->line[k];
-    off = larger(off, e->spare[k]);
-    *largest = larger(*largest, e->trial_tau[k]);
-  }
-  for (int k = 0; k < e->n; ++k) add_moment(d, e->output[k], h * e->spare[k], e->next);
-  return off;
+  for (int k = 0; k < e->n; ++k) e->spare[k] = e->trial_tau[k] - e->tau[k] - share * e->line[k];
+  push_by(e, h, e->spare, e->next);
+  return largest(e->spare, e->n);
 }
 
-static void swap(double **a, double **b) {
+INLINE void swap(double **a, double **b) {
   double *c = *a;
   *a = *b, *b = c;
 }
 
 /* Whether a small correction by the matrix of the last one, whose slopes were other ones, is the last. */
-static int settles(const mjData *d, Drive *e, double largest) {
-  double off = 0;
-  if (!(correct_again(d, e, e->left, e->turn) <= SMALL)) return 0;
+INLINE int settles(Drive *e, double allowed) {
+  if (!(correct_again(e, e->left, e->turn) <= SMALL)) return 0;
   along_line(e, e->slope, e->line);
   along_line(e, e->trial_slope, e->spare);
-  for (int k = 0; k < e->n; ++k) off = larger(off, e->line[k] - e->spare[k]);
-  return off <= STRAIGHT * largest;
+  for (int k = 0; k < e->n; ++k) e->spare[k] -= e->line[k];
+  return largest(e->spare, e->n) <= allowed;
 }
 
 /* Along the last, small correction torque is straight. */
-static void finish(Drive *e) {
+INLINE void finish(Drive *e) {
   for (int k = 0; k < e->n; ++k) e->tau[k] += e->line[k], e->v[k] += e->turn[k];
 }
 
-/* The first correction, of a guess that is ahead of the speed at the start. Its size, or a negative one where the guess
-   was no better than none. */
-static double correct_guess(const mjModel *m, const mjData *d, Drive *e, const double *states, double t, double h) {
-  double guess = 0, change = 0;
+/* The first correction, of a guess that is ahead of the speed at the start. Its size, or a negative one where the start
+   is nearer to what it leads to than the guess was. */
+INLINE double correct_guess(const mjModel *m, const mjData *d, Drive *e, const double *states, double t, double h) {
   for (int k = 0; k < e->n; ++k) e->v[k] = e->w[k] + (e->turn[k] = e->ahead[k]);
   ask(e, states, t, h, e->v, e->tau, e->slope);
   along_line(e, e->slope, e->line);
+  for (int k = 0; k < e->n; ++k) e->spare[k] = e->tau[k] - e->line[k];
   for (int i = 0; i < e->nv; ++i) e->left[i] = h * e->push[i];
-  for (int k = 0; k < e->n; ++k) add_moment(d, e->output[k], h * (e->tau[k] - e->line[k]), e->left);
+  push_by(e, h, e->spare, e->left);
   const double size = correct(m, d, e, h);
+  if (size <= SMALL || !any(e->ahead, e->n)) return size;
   for (int k = 0; k < e->n; ++k) {
-    guess = larger(guess, e->ahead[k]);
-    change = larger(change, e->turn[k]);
+    e->spare[k] = e->ahead[k] + e->turn[k];
     e->ahead[k] = 0;
   }
-  return size <= SMALL || guess == 0 || change < guess ? size : -1;
+  return largest(e->turn, e->n) <= largest(e->spare, e->n) ? size : -1;
 }
 
 /* Torques at the speeds that they lead to in a time of h from t on, from where phi and w are. The first guess continues
-   the accelerations that were found in the last two steps; where that was no better than none, none. (The bodies' own
+   the accelerations that were found in the last steps; where none would have been nearer, none. (The bodies' own
    accelerations would not do: they have what the constraints did anew, which the solution leaves to the next step.) */
-static void solve(const mjModel *m, const mjData *d, Drive *e, const double *states, double t, double h) {
+INLINE void solve(const mjModel *m, const mjData *d, Drive *e, const double *states, double t, double h) {
   for (int k = 0; k < e->n; ++k) e->ahead[k] = h * e->guess[k];
   double size = correct_guess(m, d, e, states, t, h);
   if (size < 0) size = correct_guess(m, d, e, states, t, h);
   for (int k = 0; k < MOST; ++k) {
-    double share = 1, off, largest;
+    double share = 1, off, allowed;
     if (k > 0) size = correct(m, d, e, h);
     along_line(e, e->slope, e->line);
     if (size <= SMALL) {
@@ -427,13 +512,14 @@ static void solve(const mjModel *m, const mjData *d, Drive *e, const double *sta
       break;
     }
     for (;;) {
-      off = attempt(d, e, states, share, t, h, &largest);
-      if (k < PLAIN || share < 0.01 || correct_again(d, e, e->next, e->spare) < size) break;
+      off = attempt(e, states, share, t, h);
+      if (k < PLAIN || share < 0.01 || correct_again(e, e->next, e->spare) < size) break;
       share /= 2;
     }
     swap(&e->v, &e->trial), swap(&e->tau, &e->trial_tau), swap(&e->slope, &e->trial_slope), swap(&e->left, &e->next);
-    if (share == 1 && off <= STRAIGHT * largest) break;
-    if (settles(d, e, largest)) {
+    allowed = STRAIGHT * largest(e->tau, e->n);
+    if (share == 1 && off <= allowed) break;
+    if (settles(e, allowed)) {
       finish(e);
       break;
     }
@@ -442,7 +528,7 @@ static void solve(const mjModel *m, const mjData *d, Drive *e, const double *sta
 }
 
 /* Mean torques over a step of order two. */
-static void solve_twice(const mjModel *m, const mjData *d, Drive *e, const double *states) {
+INLINE void solve_twice(const mjModel *m, const mjData *d, Drive *e, const double *states) {
   const double first = (1 - GAMMA) * m->opt.timestep, h = GAMMA * m->opt.timestep;
   solve(m, d, e, states, e->time, h);
   memcpy(e->mean, e->tau, e->n * sizeof(double));
@@ -455,20 +541,40 @@ static void solve_twice(const mjModel *m, const mjData *d, Drive *e, const doubl
   for (int k = 0; k < e->n; ++k) e->tau[k] = (1 - GAMMA) * e->mean[k] + GAMMA * e->tau[k];
 }
 
-static void compute(const mjModel *m, mjData *d, int instance, int capability) {
+/* The acceleration that continues those of the last steps: the sum of their backward differences, as many as get
+   smaller. */
+INLINE void guess_from(Drive *e, const double *past) {
+  double size = HUGE_VAL, before = size;
+  memset(e->guess, 0, e->n * sizeof(double));
+  for (int order = 0; order < PAST; ++order, past += e->n, before = size) {
+    size = largest(past, e->n);
+    if (!(size < before)) return;
+    for (int k = 0; k < e->n; ++k) e->guess[k] += past[k];
+  }
+}
+
+INLINE void step(const mjModel *m, mjData *d, int instance) {
   Drive *e = (Drive *)d->plugin_data[instance];
   const double *states = d->plugin_state + m->plugin_stateadr[instance], *constrained = states + e->n / NM * NX;
-  const double *last = constrained + e->nv, *before = last + e->n;
-  (void)capability;
-  if (!fits(d, e) && !arrange(m, d, e)) mju_error("%s: no memory", DRIVE_NAME);
-  if (!later(m, d, e)) begin(m, d, e);
-  memcpy(e->phi, e->phi_start, e->n * sizeof(double));
-  memcpy(e->w, e->w_start, e->n * sizeof(double));
-  for (int k = 0; k < e->n; ++k) e->guess[k] = 2 * last[k] - before[k];
+  const double *past = constrained + e->nv;
+  if (!gather(d, e) && !arrange(m, e)) mju_error("%s: no memory", DRIVE_NAME);
+  if (later(m, d, e)) return_to_start(e);
+  else begin(m, d, e);
+  guess_from(e, past);
   see_bodies(m, d, instance, e, constrained);
   if (m->opt.integrator == mjINT_RK4) solve_twice(m, d, e, states);
   else solve(m, d, e, states, e->time, m->opt.timestep);
   for (int k = 0; k < e->n; ++k) d->actuator_force[e->output[k]] = e->tau[k];
+}
+
+static void compute(const mjModel *m, mjData *d, int instance, int capability) {
+  (void)capability;
+  step(m, d, instance);
+}
+
+WIDE static void compute_wide(const mjModel *m, mjData *d, int instance, int capability) {
+  (void)capability;
+  step(m, d, instance);
 }
 
 /* Friction states follow what the step moved; what the constraints did is kept for the next. */
@@ -477,19 +583,25 @@ static void advance(const mjModel *m, mjData *d, int instance) {
   const int drives = e->n / NM;
   const double *speed = d->qvel; /* over the step, of the integrators of order one */
   double *states = d->plugin_state + m->plugin_stateadr[instance], *constrained = states + drives * NX;
-  double *last = constrained + e->nv, *before = last + e->n;
-  if (m->opt.integrator == mjINT_RK4 && e->begun) {
+  double *past = constrained + e->nv;
+  if (m->opt.integrator == mjINT_RK4 && e->stages) {
     mj_differentiatePos(m, e->change, m->opt.timestep, e->qpos, d->qpos);
     speed = e->change;
   }
-  for (int k = 0; k < e->n; ++k) e->v[k] = along(d, e->output[k], speed);
+  if (!e->begun && !gather(d, e) && !arrange(m, e)) mju_error("%s: no memory", DRIVE_NAME);
+  turn_of(e, speed, e->v);
   drive_follow(drives, e->v, states, m->opt.timestep, e->q, e->after);
   memcpy(states, e->after, (size_t)drives * NX * sizeof(double));
   if (d->nefc) memcpy(constrained, d->qfrc_constraint, e->nv * sizeof(double));
   else memset(constrained, 0, e->nv * sizeof(double));
-  memcpy(before, last, e->n * sizeof(double));
-  memcpy(last, e->rate, e->n * sizeof(double));
-  e->begun = 0;
+  for (int order = 0; order < PAST; ++order, past += e->n) {
+    for (int k = 0; k < e->n; ++k) {
+      const double last = past[k];
+      past[k] = e->rate[k];
+      e->rate[k] -= last;
+    }
+  }
+  e->begun = e->stages = 0;
 }
 
 mjPLUGIN_LIB_INIT(DRIVE) {
@@ -503,7 +615,7 @@ mjPLUGIN_LIB_INIT(DRIVE) {
   plugin.init = init;
   plugin.destroy = destroy;
   plugin.reset = reset;
-  plugin.compute = compute;
+  plugin.compute = HAS_WIDE ? compute_wide : compute;
   plugin.advance = advance;
   mjp_registerPlugin(&plugin);
 }

@@ -23,7 +23,8 @@ _TEXT = {ca.OP_NEG: "-{0}", ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "2.0 * {0}", ca.
          ca.OP_SIGN: "({0} > 0.0 ? 1.0 : 0.0) - ({0} < 0.0 ? 1.0 : 0.0)",
          ca.OP_IF_ELSE_ZERO: "{0} != 0.0 ? {1} : 0.0", ca.OP_NOT: "{0} == 0.0 ? 1.0 : 0.0",
          ca.OP_AND: "({0} != 0.0) & ({1} != 0.0) ? 1.0 : 0.0", ca.OP_OR: "({0} != 0.0) | ({1} != 0.0) ? 1.0 : 0.0"}
-FLAGS = ("-O3", "-fno-math-errno", "-fno-trapping-math")  # else no compiler takes several machines at a time
+# Else no compiler takes several machines at a time; products and sums are one instruction where there is one.
+FLAGS = ("-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
 SIMD = r"""/* Where it can, GCC makes loops over machines for several kinds of processor, several machines at a time. */
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__)
 #define LOOP static __attribute__((target_clones("avx512f", "avx2", "default")))

@@ -157,7 +157,7 @@ def test_the_torque_is_that_of_the_speed_at_the_end_of_the_step(case, engine, ri
         data.xfrc_applied[-1] = rng.uniform(-1, 1, 6) * 0.1
         states = rng.uniform(-1, 1, model.nu // n * m)
         data.plugin_state[:len(states)] = states
-        guesses = rng.uniform(-1, 1, 2 * model.nu) * 10.0 ** (k % 7)  # where it starts to search
+        guesses = rng.uniform(-1, 1, 4 * model.nu) * 10.0 ** (k % 7)  # where it starts to search
         data.plugin_state[len(states) + model.nv:] = guesses
         mujoco.mj_forward(model, data)
         by = np.zeros((model.nu, model.nv))
@@ -333,7 +333,7 @@ def test_the_command_line_writes_source_library_and_bodies(tmp_path, monkeypatch
     library = next((tmp_path / "made").glob("arm_one_drive.[sd][oly]*"))
     mujoco.mj_loadPluginLibrary(str(library))
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "made" / "arm one.xml"))
-    assert model.nu == 1 and model.npluginstate == 4
+    assert model.nu == 1 and model.npluginstate == 6
     monkeypatch.setattr("pycosim.export.mujoco_plugin.mujoco_folder", lambda: None)
     assert main(["export", "arm one.toml", "--to", "mujoco-plugin", "--out", "source"]) == 0
     assert "not installed" in capsys.readouterr().out and not list((tmp_path / "source").glob("*.so"))
