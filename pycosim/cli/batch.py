@@ -25,12 +25,15 @@ def improve_all(studies, out, where="serial", workers=None, robust=False, progre
     Parameters
     ----------
     studies : list of path
+        Study files; each with logs of its own.
     out : Path
         Folder of the table, and of one folder a study.
     where : str
         See `pycosim.core.executors.executor`.
     workers : int, optional
+        Threads or processes; one a core by default.
     robust : bool
+        As ``--robust`` of the verb.
     progress : callable, optional
         Called with a sentence as studies end.
     bare : bool
@@ -73,7 +76,9 @@ def improve_one(study, folder, robust=False, bare=False):
     Parameters
     ----------
     study, folder : str
+        Absolute paths, as another process has another current folder.
     robust, bare : bool
+        As the options of the verb.
 
     Returns
     -------

@@ -27,11 +27,13 @@ class Log:
     name : str
         File name.
     path : Path
+        Of the file; of a table in memory, what stands for it.
     time : ndarray, shape (n,)
         Strictly increasing [s].
     signals : dict of str to ndarray, shape (n,)
         By variable of the rig, SI units.
     labels : ndarray of str, shape (n,), or None
+        The column that the study calls its labels, as the manoeuvre; None without one.
     dropped : list of (int, int)
         First and last row of stretches left out: drop-outs, or samples that the format says are not to be used.
     meta : dict
@@ -66,6 +68,7 @@ def load(study, files=None, strict=True):
     Parameters
     ----------
     study : Study
+        Its ``[data]`` and ``[columns]`` say what is read, and how.
     files : sequence of path, optional
         Instead of the study's own.
     strict : bool
@@ -94,6 +97,7 @@ def read_log(path, study, strict=True):
     Parameters
     ----------
     path : path or Frame
+        A file, or a table in memory.
     study : Study
         Columns, units, labels, what to do with drop-outs, reader, average, most rows to keep apart.
     strict : bool
@@ -147,6 +151,7 @@ def require_units(logs):
     Parameters
     ----------
     logs : list of Log
+        Of one study.
 
     Raises
     ------
@@ -167,6 +172,7 @@ def require(log, names):
     Parameters
     ----------
     log : Log
+        Named in what is refused.
     names : iterable of str
         Variables of the rig that a question needs.
 
@@ -194,6 +200,7 @@ def require_alike(logs, names):
     Parameters
     ----------
     logs : list of Log
+        That are fitted together.
     names : iterable of str
         Variables of the rig.
 

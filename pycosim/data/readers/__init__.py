@@ -54,6 +54,7 @@ def read_parts(path, name, wanted, text, layout=PLAIN):
     Parameters
     ----------
     path : Path
+        Its ending names the format, unless `name` does.
     name : str or None
         Reader, as in `[data] reader`.
     wanted : set of str
@@ -98,6 +99,7 @@ def refuse_no_file(path):
     Parameters
     ----------
     path : Path
+        One that is missing, a folder, empty or not to be read is told in its own words.
     """
     if path.is_dir():
         raise DataError(f"{path}: is a folder; name the files in it")
@@ -118,7 +120,9 @@ def read_text(path, encoding="utf-8-sig"):
     Parameters
     ----------
     path : Path
+        Read whole.
     encoding : str
+        As Python names it, as ``utf-8``.
 
     Returns
     -------
@@ -133,7 +137,9 @@ def text_blocks(path, encoding="utf-8-sig"):
     Parameters
     ----------
     path : Path
+        Of any size: a block is in memory at a time.
     encoding : str
+        As Python names it, as ``utf-8``.
 
     Yields
     ------
@@ -212,6 +218,7 @@ def numbers(path, name, values):
     Parameters
     ----------
     path : Path
+        Named in what is refused.
     name : str
         Column.
     values : array_like, shape (n,)
@@ -244,6 +251,7 @@ def one_clock(path, times):
     Parameters
     ----------
     path : Path
+        Named in what is refused.
     times : dict of str to ndarray
         Time [s] of each column's samples.
 
@@ -270,6 +278,7 @@ def ranges(rows):
     Parameters
     ----------
     rows : sequence of int
+        Increasing.
 
     Returns
     -------

@@ -71,6 +71,7 @@ def fields(line, separator):
     Parameters
     ----------
     line : str
+        Without its end; quotes hold a cell together.
     separator : str
         As in `Layout`.
 
@@ -157,6 +158,7 @@ def number(cell, decimal="."):
     Parameters
     ----------
     cell : str
+        As in the file.
     decimal : str
         Mark before the fraction.
 

@@ -30,6 +30,7 @@ class Look:
     Attributes
     ----------
     path : Path
+        The log.
     layout : Layout
         Of a text file; the usual one for every other format.
     header : list of str
@@ -56,6 +57,7 @@ def look(path):
     Parameters
     ----------
     path : path
+        Of any format that there is a reader for.
 
     Returns
     -------
