@@ -10,6 +10,8 @@ from ..fit.nullspace import number
 OVER = {"speeds": "speed@{place}", "loads": "load@{place}", "load_signs": "load@{place}", "time": "time",
         "temperatures": "temperature", "reversals": "time_since_reversal", "accelerations": "acceleration@{place}"}
 
+SURE = ((1e-3, "As sure as this test can be"), (1e-2, "Very likely"), (0.05, "Likely"))  # largest p-value, in words
+
 
 def fall(before, after):
     """Part of each channel's error that goes.
@@ -102,6 +104,23 @@ def chance(p):
     if p > 0.5:
         return f"{100 * p:.0f} logs of 100"
     return f"{'at most ' if p <= 1e-3 else ''}one log of {round(1 / p):d}"
+
+
+def certainty(p):
+    """A family-wise p-value in words and as a number.
+
+    Parameters
+    ----------
+    p : float
+
+    Returns
+    -------
+    str
+        As ``Very likely: chance alone would find something as large in one log of 250 (p = 0.004)``.
+    """
+    words = next((w for most, w in SURE if p <= most), "Doubtful")
+    bound = f"p ≤ {SURE[0][0]:g}" if p <= SURE[0][0] else f"p = {number(p)}"
+    return f"{words}: chance alone would find something as large in {chance(p)} ({bound})"
 
 
 def variable(library, finding):

@@ -8,10 +8,13 @@ import numpy as np
 
 from ..compile import component_called
 from ..diagnosis.compare import worded
+from ..diagnosis.decide import SLOW
+from ..diagnosis.dependence import ALARM, RARE
 from ..diagnosis.first_look import WORTH
 from ..diagnosis.remainder import HELD_OUT
 from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
+from . import cards
 
 LIKELIEST = 3  # effects that a first look names
 MOST = 0.5  # of the energy of what is left: the larger part
@@ -438,7 +441,48 @@ def _unexplained(result, final):
                      "modelica = [\"guess.mo\"] in [rig].")
     if mystery and mystery.get("free"):
         line += f" {mystery['free']['text']}"
-    return [line, _at_floor(result)]
+    return [line, *certainty_of_unknown(result), _at_floor(result)]
+
+
+def certainty_of_unknown(result):
+    """How sure it is that something is missing, where no effect of the library is it.
+
+    Parameters
+    ----------
+    result : dict
+        ``diagnosis.json`` whose verdict is ``unexplained``.
+
+    Returns
+    -------
+    list of str
+        What chance would do, by the test that the verdict rests on; and the error over its noise floor.
+    """
+    tested = result["candidates"]
+    p = min((c["p_value"] for c in tested), default=1.0)
+    blamed = {c: own for c, own in result["channels"].items() if own["verdict"] == "unexplained"}
+    follows = next(((c, own["depends_on"][0]["variable"]) for c, own in blamed.items() if own["depends_on"]), None)
+    if not follows and result["residual_depends_on"] and not any(own.get("slow") for own in blamed.values()):
+        follows = "all channels together", result["residual_depends_on"][0]["variable"]
+    if p < LEVEL:
+        lines = [f"{cards.certainty(p)}, among all {len(tested)} effects and places tested. So sure it is that "
+                 "something is missing; that it is one of these is refused."]
+    elif follows:
+        lines = [f"Very likely: what is left of {follows[0]} depends on {worded(follows[1])} also in parts of the log "
+                 f"that this was not fitted to, by more than {ALARM:g} standard errors or more than chance does in one "
+                 f"log of {round(1 / RARE)}."]
+    else:
+        lines = [f"Likely: the error is more than {math.sqrt(SLOW):.2g} times the noise floor, which no simulated "
+                 "machine with nothing hidden reached."]
+    return lines + _over_floor(blamed or result["channels"])
+
+
+def _over_floor(channels):
+    """Errors of channels over their noise floors."""
+    ratios = {c: own["error"] / own["floor"] for c, own in channels.items()
+              if own["floor"] and math.isfinite(own["floor"]) and own["error"] > own["floor"]}
+    told = [f"{'that' if k else 'The error'} of {c} is {number(r)} times its noise floor "
+            f"({100 * (1 - r ** -2):.0f} % of its energy is not noise)" for k, (c, r) in enumerate(ratios.items())]
+    return [f"{joined(told)}."] if told else []
 
 
 def _refusals(candidates):

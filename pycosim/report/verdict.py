@@ -13,7 +13,6 @@ from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
 from . import cards, consequence, controller, findings, schematic, sentences
 
-SURE = ((1e-3, "As sure as this test can be"), (1e-2, "Very likely"), (0.05, "Likely"))  # largest p-value, in words
 MOST = 5  # experiments that are listed
 UNSEEN = 1e-6  # of what is rated, below which an effect acts only while samples do not move, as presliding
 HIDING = 3  # effects that could still hide, in the card
@@ -142,10 +141,12 @@ class Verdict:
         return [consequence.size(self.dataset, *pair) for pair in pairs]
 
     def _sure(self):
-        lines = [f"{_certainty(s.finding.p_value)}, among all {self.tested} effects and places tested."
+        lines = [f"{cards.certainty(s.finding.p_value)}, among all {self.tested} effects and places tested."
                  for s in self.added if s.finding is not None]
         if self.added and self._alternatives(self.added[0]):
             lines.append("So sure it is that something is missing; which of the alternatives stays open.")
+        if not self.added and self.first["verdict"] == "unexplained":
+            lines += sentences.certainty_of_unknown(self.first)
         best = min(self.first["candidates"], key=lambda c: c["p_value"], default=None)
         if not self.added and best and self.first["verdict"] == "nothing_missing":
             lines.append(f"Of {self.tested} effects and places tested the likeliest is "
@@ -212,7 +213,7 @@ class Verdict:
         if self.added:
             lines = {"nothing_missing": ["Nothing else is missing that these data could show."],
                      "unexplained": ["Something else is missing that no effect of the library explains.",
-                                     *self._unknown(self.last)],
+                                     *self._unknown(self.last), *sentences.certainty_of_unknown(self.last)],
                      "not_enough_excitation": ["What else may be missing these data move too little to tell."],
                      "missing_effect": ["More is missing than this search was allowed to add."]}[verdict]
         if verdict == "nothing_missing":
@@ -270,13 +271,6 @@ def _capital(text):
 def _of(value, share):
     """An error, and what it is of what is rated."""
     return number(value) + (f" ({sentences.percent(share[0])} %)" if share else "")
-
-
-def _certainty(p):
-    """A family-wise p-value in words and as a number."""
-    words = next((w for most, w in SURE if p <= most), "Doubtful")
-    bound = "p ≤ 0.001" if p <= SURE[0][0] else f"p = {number(p)}"
-    return f"{words}: chance alone would find something as large in {cards.chance(p)} ({bound})"
 
 
 def _amount(found):

@@ -15,6 +15,7 @@ from pycosim.cli import demo
 from pycosim.data.checks.finding import Checked, Finding
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis.search import Improvement
+from pycosim.fit.nullspace import number
 from pycosim.report import charts, consequence, controller, drawings, sentences, values
 from pycosim.report.page import SECTIONS, Page, write_numbers, write_report
 
@@ -258,9 +259,29 @@ def test_an_unexplained_residual_asks_for_what_it_depends_on(found):
     assert "no effect of the library explains" in page.verdict.title()
     assert "speed of 2A" in rows(page)["What is missing"] and "speed of 2A" in rows(page)["Next experiment"]
     assert "refused: it fits by chance" in page.html()
+    sure = rows(page)["How sure"]
+    worst = max((c for c in left.channels.values()), key=lambda c: c["error"] / c["floor"])
+    assert "in at most one log of 1000" in sure and "is missing; that it is one of these is refused" in sure
+    assert f"{number(worst['error'] / worst['floor'])} times its noise floor" in sure
+    assert all(line in sentences.summary_diagnosis(page.first)
+               for line in sentences.certainty_of_unknown(page.first))
     page.verdict.first["unexplained"] = {"proposal": {"text": "A guess: a hump.", "place": "2A"}}
     told = page.verdict.card()
     assert ">a guess</text>" in told["drawing"] and "stroke-width=\"3.5\"" not in told["drawing"]
+
+
+@pytest.mark.parametrize(("channel", "said"), [
+    ({"depends_on": [{"variable": "speed@2A", "strength": 0.3}], "slow": False},
+     "Very likely: what is left of C_H depends on speed of 2A also in parts of the log that this was not fitted to, by "
+     "more than 4 standard errors or more than chance does in one log of 100."),
+    ({"depends_on": [], "slow": True}, "Likely: the error is more than 1.4 times the noise floor, which no simulated "
+                                       "machine with nothing hidden reached.")])
+def test_an_unknown_that_no_candidate_tells_is_as_sure_as_the_test_that_found_it(channel, said):
+    result = {"candidates": [{"p_value": 0.3}], "residual_depends_on": [{"variable": "time", "strength": 0.1}],
+              "channels": {"C_H": {"verdict": "unexplained", "error": 2.0, "floor": 1.0, **channel},
+                           "C_K": {"verdict": "nothing_missing", "error": 3.0, "floor": 1.0, "depends_on": []}}}
+    assert sentences.certainty_of_unknown(result) == [
+        said, "The error of C_H is 2 times its noise floor (75 % of its energy is not noise)."]
 
 
 def test_what_the_data_cannot_tell_apart_is_said_marked_and_asked_for(found):
