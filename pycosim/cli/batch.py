@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import json
 import os
 import time
 from pathlib import Path
@@ -85,6 +84,7 @@ def improve_one(study, folder, robust=False, bare=False):
     dict
         Its row.
     """
+    from ..project import Search
     from .entry import run_verb
     from .parser import parse
     from .progress import Progress
@@ -97,12 +97,10 @@ def improve_one(study, folder, robust=False, bare=False):
         return _failed(study, time.monotonic() - start, str(error))
     except Exception as error:  # a fault of ours is a row too: the other studies go on
         return _failed(study, time.monotonic() - start, f"{type(error).__name__}: {error}")
-    ladder, last = (json.loads((Path(folder) / name).read_text(encoding="utf-8"))
-                    for name in ("ladder.json", "diagnosis_final.json"))
-    final, units = ladder["steps"][-1], ladder["units"]
-    added = [f"{s['added']['effect']}@{s['added']['place']}" for s in ladder["steps"] if s["added"]]
-    return {"study": study, "verdict": last["verdict"], "added": " ".join(added),
-            "error": _text(final["error"], units), "held_out_error": _text(final["held_out_error"], units),
+    found = Search.load(folder)
+    final = found.steps[-1]
+    return {"study": study, "verdict": found.verdict, "added": " ".join(found.added),
+            "error": _text(final.error, final.units), "held_out_error": _text(final.held_out_error, final.units),
             "seconds": round(time.monotonic() - start, 1), "failure": ""}
 
 

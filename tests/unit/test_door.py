@@ -260,6 +260,14 @@ def test_a_result_names_the_thresholds_that_decided_it(project, search):
         assert all(isinstance(t["value"], (int, float)) and len(t["means"].split()) > 3 for t in table.values())
 
 
+def test_what_a_stranger_writes_into_a_result_stays_text_in_a_notebook(project, tmp_path):
+    record = project.diagnose().to_dict()
+    record["candidates"][0] |= {"effect": "<script>x</script>", "accepted": True}
+    (tmp_path / "diagnosis.json").write_text(records.to_json(record))
+    shown = pc.Diagnosis.load(tmp_path / "diagnosis.json")._repr_html_()
+    assert "<script>" not in shown and shown.count("&lt;script&gt;") >= 2
+
+
 def broken(record):
     """Ways in which a file of results is none."""
     text = records.to_json(record)
