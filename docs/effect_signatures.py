@@ -10,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from pycosim.compile import Library, catalogue, compile_model
 from pycosim.dynamics.simulate import estimate
@@ -62,7 +63,7 @@ LABELS = {"s1A.w": "speed of 1A [rad/s]", "s1A.L": "load of 1A [N.m]", "s2A.L": 
           "time": "time [s]",
           "temperature": "temperature [degC]", "motor1.tau": "torque of motor 1 [N.m]",
           "der(der(motor1.phi))": "acceleration of motor 1 [rad/s2]"}
-COLUMNS = 4  # of the sheet
+COLUMNS, COLOURS = 4, 24  # of the sheet
 UNITS = {"encoder_H": "hip encoder [rad]", "C_H": "hip torque [N.m]", "hip.computed": "hip torque [N.m]",
          "knee.computed": "knee torque [N.m]"}
 
@@ -116,10 +117,10 @@ def signatures(library):
 
 
 def panel(labels, parts, legend):
-    """One signature: the way out, and the way back."""
+    """One signature: the way out, broad, and over it, narrow, the way back: where they agree both are seen."""
     axes = (Axis(*text.rstrip("]").split(" [")) for text in (labels["xlabel"], labels["ylabel"]))
-    return Panel(*axes, [Line(*xy, Look(tone, "", marker="point"), name) for xy, tone, name in zip(
-        parts, ("after", "before"), ("out", "back"))], labels["title"], legend=legend)
+    return Panel(*axes, [Line(*xy, Look(tone, "", width, "point"), name) for xy, tone, width, name in zip(
+        parts, ("after", "before"), (2.4, 0.8), ("out", "back"))], labels["title"], legend=legend)
 
 
 def main():
@@ -135,6 +136,8 @@ def main():
         save(Plot(effect, "", "", [[panel(labels, parts, True)]], height=2.4), folder, effect, ["png"])
     save(Plot("signatures", "What each effect looks like", "", columns, width=2, height=1.4 * len(columns[0]),
               apart=True), folder, "signatures", ["png"])
+    sheet = folder / "signatures.png"  # small enough for a repository
+    Image.open(sheet).convert("RGB").quantize(COLOURS).save(sheet, optimize=True)
 
 
 if __name__ == "__main__":

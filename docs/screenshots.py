@@ -22,16 +22,17 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 IMAGES = Path(__file__).parent / "images"
-SCALE, COLOURS, PORT = 0.75, 200, 8765
+SCALE, COLOURS, GAP, PORT = 0.75, 200, 24, 8765
 LONG = 300_000  # ms
 
 
 def write(name, parts):
-    """Screenshots, one under the other, small enough for a repository."""
+    """Screenshots, one under the other with a gap between, small enough for a repository."""
     parts = [Image.open(io.BytesIO(p)).convert("RGB") for p in parts]
-    whole = Image.new("RGB", (max(p.width for p in parts), sum(p.height for p in parts)), "white")
+    height = sum(p.height for p in parts) + GAP * (len(parts) - 1)
+    whole = Image.new("RGB", (max(p.width for p in parts), height), "white")
     for k, part in enumerate(parts):
-        whole.paste(part, (0, sum(p.height for p in parts[:k])))
+        whole.paste(part, (0, sum(p.height + GAP for p in parts[:k])))
     size = int(whole.width * SCALE), int(whole.height * SCALE)
     whole.resize(size, Image.LANCZOS).quantize(COLOURS).save(IMAGES / f"{name}.png", optimize=True)
 

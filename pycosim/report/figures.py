@@ -5,6 +5,7 @@ Every curve differs in line style or marker as well as in tone, so that print wi
 
 from __future__ import annotations
 
+import math
 import re
 from functools import wraps
 
@@ -29,6 +30,7 @@ MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D", "cross
 DASHES = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":", "": ""}
 NAMED = 24  # names of passes that fit side by side
 DOTS = 170  # an inch, in a preview
+ROUNDING = 1e-9  # of its size, below which a change is none
 STYLE = {
     "font.family": "serif", "font.serif": ["STIXGeneral", "DejaVu Serif"], "mathtext.fontset": "stix", "font.size": 8,
     "axes.labelsize": 8, "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7, "axes.linewidth": 0.6,
@@ -48,8 +50,14 @@ def _styled(function):
     return inner
 
 
+_POWERS = (-3, 4)  # of ten, between which numbers along an upright axis are written out
+
+
 class _Numbers(ScalarFormatter):
     """Plain text at the ticks, a printed power of ten beside them: mathematics at every tick is slow."""
+
+    def __init__(self):
+        super().__init__(useOffset=False)
 
     def get_offset(self):
         """The power of ten."""
@@ -83,7 +91,7 @@ def _line(axes, mark, name):
     ink = INKS[look.tone]
     style = {"color": ink, "ls": DASHES[look.dash], "lw": look.width, "marker": MARKERS[look.marker],
              "mfc": "white" if look.open else ink, "label": name,
-             "ms": 1 if look.marker == "point" else 3.5}
+             "ms": look.width if look.marker == "point" else 3.5}
     if mark.spread is None and mark.reach is None:
         axes.plot(x, y, **style)
         return
@@ -161,6 +169,8 @@ def _panel(axes, panel):
         MARKS[type(mark)](axes, mark, f"_{name}" if not name or name in panel.told else _printed(name))
     if any(isinstance(m, (Line, Bars)) for m in panel.marks) and not (panel.y.names or panel.y.log or panel.equal):
         low, high = axes.get_ylim()
+        if high - low < ROUNDING * abs(high):
+            low, high = axes.set_ylim(0.0 if low > 0 else 1.5 * low, 1.5 * high if high > 0 else 0.0)
         if low < 0 < high:
             axes.axhline(0, color="black", lw=0.4, zorder=0, label="_zero")
     for axis, described, lie in ((axes.xaxis, panel.x, True), (axes.yaxis, panel.y, False)):
@@ -168,7 +178,8 @@ def _panel(axes, panel):
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")
     if panel.title:
-        axes.text(1.0, 1.02, _printed(panel.title), transform=axes.transAxes, ha="right", va="bottom", fontsize=7)
+        axes.annotate(_printed(panel.title), (1.0, 1.0), (0, 9 if _has_power(axes) else 2), "axes fraction",
+                      textcoords="offset points", ha="right", va="bottom", fontsize=7)
     if any(isinstance(m, Spans) for m in panel.marks):  # rows of marks, not numbers
         axes.spines[["left", "bottom"]].set_visible(False)
         axes.tick_params(length=0, axis="both")
@@ -193,7 +204,14 @@ def _ends(axes, axis, described, lie, bars):
         axis.set_inverted(True)
     if type(axis.get_major_formatter()) is ScalarFormatter:
         axis.set_major_formatter(_Numbers())
-        axis.get_major_formatter().set_powerlimits((-4, 5) if lie else (-3, 4))
+        axis.get_major_formatter().set_powerlimits((-4, 5) if lie else _POWERS)
+
+
+def _has_power(axes):
+    """Whether a power of ten stands above the upright axis."""
+    largest = max(map(abs, axes.get_ylim()))
+    written = largest == 0 or _POWERS[0] < math.floor(math.log10(largest)) < _POWERS[1]
+    return isinstance(axes.yaxis.get_major_formatter(), _Numbers) and not written
 
 
 def _laid(figure, plot):

@@ -126,8 +126,8 @@ def test_links_lead_somewhere(page):
 
 
 def test_pictures_are_small():
-    for picture in (ROOT / "docs" / "images").iterdir():
-        assert picture.stat().st_size < 150_000
+    for picture in (p for p in (ROOT / "docs" / "images").rglob("*") if p.is_file()):
+        assert picture.stat().st_size < 150_000, picture
 
 
 def test_the_tree_names_every_folder_and_no_other():
