@@ -20,6 +20,7 @@ BLOCKS = 2500  # means that the memory of the noise is estimated from
 LONGEST = 32  # samples of one mean at most
 STRETCHES = 5.0
 """Times that a log must hold the memory of its noise: what it holds less often is a trend, of which it shows one."""
+VALLEYS = 3  # memories of the grid from which the search starts: the likelihood may have another valley at the longest
 PROVED = 3.0  # least gain in log-likelihood for which correlated noise is assumed: 5 % by chance (its two parameters)
 
 
@@ -283,17 +284,22 @@ def fit_noise(residual, chain, absorbed=None, start=None):
         return plain
     if start is None or start.slow == 0.0:
         times = np.linspace(math.log(means.least), math.log(means.longest), 4)
-        x = min(((r, t) for r in (-2.5, -1.0, 0.5) for t in times), key=means.misfit)
+        best = sorted((min(((r, t) for r in (-2.5, -1.0, 0.5)), key=means.misfit) for t in times), key=means.misfit)
+        starts = best[:VALLEYS]
     else:
-        x = means.inside((math.log(start.slow / start.white), math.log(start.memory)))
-    found = minimize(means.misfit, x, method="Nelder-Mead",
-                     options={"xatol": 0.03, "fatol": 0.03, "maxfev": 50,
-                              "initial_simplex": [x, (x[0] + 0.6, x[1]), (x[0], x[1] + 0.6)]})
-    if found.fun > means.misfit((-50.0, x[1])) - PROVED:
+        starts = [means.inside((math.log(start.slow / start.white), math.log(start.memory)))]
+    found = min((_least(means.misfit, x) for x in starts), key=lambda f: f.fun)
+    if found.fun > means.misfit((-50.0, found.x[1])) - PROVED:
         return plain
     r, t = means.inside(found.x)
     white = math.sqrt(means.evaluate((r, t))[1])
     return Noise(white, white * math.exp(r), math.exp(t))
+
+
+def _least(misfit, x):
+    """The least misfit near a start."""
+    return minimize(misfit, x, method="Nelder-Mead", options={
+        "xatol": 0.03, "fatol": 0.03, "maxfev": 50, "initial_simplex": [x, (x[0] + 0.6, x[1]), (x[0], x[1] + 0.6)]})
 
 
 @dataclass

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from benchmarks.plan.run import baseline, dataset
 from pycosim.data.noise import Noise, chained, fit_noise
 from pycosim.data.segmentation import Pairs
+from pycosim.fit import least_squares
 
 RNG = np.random.default_rng(0)
 TIME = np.delete(np.arange(80) * 0.01, [20, 21, 22, *range(40, 55)])
@@ -110,3 +112,10 @@ def test_the_estimate_finds_the_noise_that_the_fit_took_a_part_of(memory, slow):
 def test_white_noise_has_no_slow_part():
     noise = fit_noise(np.random.default_rng(2).standard_normal(5000), chained(np.arange(5000.0), np.zeros(5000), True))
     assert noise.slow == 0.0 and noise.white == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("seed", [1002, 1003])
+def test_the_likelihood_s_other_valley_at_the_longest_memory_is_not_taken_for_the_least(seed):
+    data = dataset(baseline(), seed, "gravity_model")
+    found = least_squares.fit(data, data.base, part="all").noise
+    assert all(own.slow < 0.1 and own.memory < 3.0 for own in found), found
