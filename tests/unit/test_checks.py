@@ -159,6 +159,13 @@ def test_what_warms_up_or_stays_late_is_no_drifting_clock(case, library, tmp_pat
     assert not checked(library, asked).blocking
 
 
+@pytest.mark.parametrize("case", ["linear:torque_ripple:1.7:1860", "linear:time_delay:1.3:1867"])
+def test_a_log_whose_only_force_is_the_one_compared_is_checked(case, library, tmp_path):
+    found = checked(library, load_study(make(case, tmp_path, quick=True)))
+    assert not found.blocking
+    assert all(f.columns for f in found.findings if f.kind == "filtered")
+
+
 @pytest.mark.long
 def test_two_mistakes_are_both_named(library, tmp_path):
     frame = times(180 / np.pi, *THETA)(times(-1, "tau1")(sound()))

@@ -341,24 +341,22 @@ def filtered(readings, sources, relation, x, columns, group):
         return []
     given = np.array([_error(a - b, used) for a, b in zip(y, predicted)])
     best = None
-    for what in ("references", "torques"):
-        for constant in [c for c in _CONSTANTS if c >= step]:
-            one = predicted if what == "references" else y
+    for names, one, other in ((group["references"], predicted, y), (group["torques"], y, predicted)):
+        for constant in [c for c in _CONSTANTS if c >= step] if names else ():
             slow, late, early = _low_pass(one, constant, step, readings.run)
-            other = y if what == "references" else predicted
             there = np.array([_error(a - b, used) for a, b in zip(other, slow)])
             # a mean takes noise away, whichever way it looks: only what the direction adds tells of a filter
             back = np.array([_error(a - b, used) for a, b in zip(other, early)])
             apart = np.array([_error(a - b, used) for a, b in zip(other, late)])
             score = float(np.mean(np.log(there / np.maximum(np.minimum(np.minimum(given, back), apart), 1e-12))))
             if best is None or score < best[0]:
-                best = score, what, constant, there
+                best = score, names, constant, there
     if best is None:
         return []
-    score, what, constant, there = best
+    score, names, constant, there = best
     if score > math.log(_CLEAR):
         return []
-    names = [columns.of(n) for n in group[what]]
+    names = [columns.of(n) for n in names]
     before, after = ({c: float(v) for c, v in zip(relation.channels, e)} for e in (given, there))
     text = (f"{listed(names)} went through a low-pass filter of about {constant:.2g} s: "
             + ", ".join(f"{columns.of(c)} {before[c]:.3g} -> {after[c]:.3g}" for c in before))
