@@ -16,7 +16,7 @@ from ..dynamics.delays import Record, undo
 from ..dynamics.filters import first_order, settings
 from ..dynamics.states import dependent_parameters, propagate
 from . import instruments, segmentation, turns
-from .derivatives import derivatives, resolution
+from .derivatives import derivatives, passed_on, resolution
 from .logs import load, require, require_alike
 from .noise import contiguous
 from .residuals import Held, Residuals, Term
@@ -165,11 +165,10 @@ class Dataset:
         """Speeds and accelerations of what is known, without phase lag, from angles and the speeds beside them."""
         self.signals = {k: self.measured[k] for k in self.known if k in self.measured}
         self.signals["time"] = self.time
-        self._spread = {}
+        self._spread, self._followed = {}, {}
         for name in [n for n in self.question.inputs if n.startswith("der(") and n.count("(") == 1]:
             angle = name[4:-1]
-            component, _, kind = angle.rpartition(".")
-            speed = self.measured.get(f"{component}.{SPEEDS[kind]}") if kind in SPEEDS else None
+            speed = self.measured.get(self.speed_beside(angle))
             first, second = np.zeros(len(self.time)) if speed is None else speed.copy(), np.zeros(len(self.time))
             variance = []
             for k, log in enumerate(self.logs):
@@ -182,12 +181,80 @@ class Dataset:
                         raise DataError(f"{log.path}: {error}; record more, or leave the log out") from None
                     first[part], second[part] = found.first, found.second
                     variance.append(found.noise**2)
+                    self._followed[angle, k] = found.bandwidth, found.trust
             self.signals[name], self.signals[f"der({name})"] = first, second
             self._spread[name] = np.sqrt(np.mean(variance)) if variance else 0.0
         read = {n for effect in catalogue(self.library).values() for n in effect.measured}  # effects may come yet
         for name in [*self.question.inputs, *sorted(read)]:
             if name in self.measured:
                 self.signals.setdefault(name, self.measured[name])
+
+    @staticmethod
+    def speed_beside(angle):
+        """Name that the recorded speed of an angle or a position has, if there is one.
+
+        Parameters
+        ----------
+        angle : str
+
+        Returns
+        -------
+        str or None
+        """
+        component, _, kind = angle.rpartition(".")
+        return f"{component}.{SPEEDS[kind]}" if kind in SPEEDS else None
+
+    def passed_on(self, angle, share=1.0):
+        """The smooth motion behind a recorded angle and its recorded speed, or what small errors of both become there.
+
+        Parameters
+        ----------
+        angle : str
+            Variable whose derivatives the model is given.
+        share : float
+            Of the bandwidth that the record was followed with.
+
+        Returns
+        -------
+        callable
+            Takes angle and speed, ndarrays of shape (n,); gives a dict of str to ndarray, shape (n,), the angle and
+            its first and second derivative by their names.
+        """
+        parts = [(self.run == k, passed_on(self.time[self.run == k], share * band, trust))
+                 for (name, k), (band, trust) in self._followed.items() if name == angle and band > 0]
+        names = angle, f"der({angle})", f"der(der({angle}))"
+
+        def derived(of_angle, of_speed):
+            found = {n: np.zeros(len(self.time)) for n in names}
+            for part, follow in parts:
+                for name, values in zip(names, follow(of_angle[part], of_speed[part])):
+                    found[name][part] = values
+            return found
+        return derived
+
+    def motion(self, angle, share):
+        """An angle and its derivatives as they are with a part of the bandwidth: with much less noise, and less sharp.
+
+        Parameters
+        ----------
+        angle : str
+        share : float
+            Of the bandwidth that the record was followed with.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            By their names.
+        """
+        def make():
+            values = instruments.smooth(self.time, self.measured[angle], self.run)
+            return self.passed_on(angle, share)(values, self.measured.get(self.speed_beside(angle), values))
+        return self.memo(("dataset.motion", angle, share), make)
+
+    @property
+    def followed(self):
+        """Angles and positions whose speeds and accelerations are derived from the record."""
+        return list(dict.fromkeys(name for name, _ in self._followed))
 
     def segment_signals(self, model, parameters, names, states=None, signals=None):
         """Outputs of the model at every sample, such as ``s1A.w`` and ``s1A.L``.
@@ -279,7 +346,7 @@ class Dataset:
         unmeasured = {n: still for n in question.late if n not in signals}
         return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
                     {n: self._slope(n) for n in question.late if not _is_motion(n)},
-                    self._held_back, self._record)
+                    self._held_back, self._record, self._shape if signals is self.signals else None)
 
     def _record(self, values):
         """A recorded signal that can be read at other times."""
@@ -316,15 +383,28 @@ class Dataset:
         """
         if name not in self._slopes:
             found, values = np.zeros(len(self.time)), self.exogenous().get(name, np.zeros(len(self.time)))
-            for s in contiguous(self.time, self.passes):
-                if self.passes[s.start] >= 0:
-                    time, v = self.time[s], values[s]
-                    reach = min(JUMP, 0.2 * (time[-1] - time[0]))
-                    inside = (time >= time[0] + reach) & (time <= time[-1] - reach) & (reach > 0)
-                    ahead, behind = (np.interp(time + sign * reach, time, v) for sign in (1, -1))
-                    found[s] = np.where(inside, ahead - behind, 0.0) / max(2 * reach, 1e-300)
+            for s, reach, inside in self._passes():
+                ahead, behind = (np.interp(self.time[s] + sign * reach, self.time[s], values[s]) for sign in (1, -1))
+                found[s] = np.where(inside, ahead - behind, 0.0) / max(2 * reach, 1e-300)
             self._slopes[name] = found
         return self._slopes[name]
+
+    def _shape(self, name):
+        """What the motion alone predicts of a signal, well inside the passes; NaN where a late torque may jump."""
+        def make():
+            found, values = np.full(len(self.time), np.nan), self.exogenous().get(name, np.zeros(len(self.time)))
+            for s, _, inside in self._passes():
+                found[s][inside] = values[s][inside]
+            return found
+        return self.memo(("dataset.shape", name), make)
+
+    def _passes(self):
+        """Samples of each pass, how far from its ends a torque recorded late may jump [s], and which are beyond."""
+        for s in contiguous(self.time, self.passes):
+            if self.passes[s.start] >= 0:
+                time = self.time[s]
+                reach = min(JUMP, 0.2 * (time[-1] - time[0]))
+                yield s, reach, (time >= time[0] + reach) & (time <= time[-1] - reach) & (reach > 0)
 
     def exogenous(self):
         """Signals with every measured torque replaced by what the motion alone predicts of it.

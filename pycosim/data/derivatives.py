@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.linalg import solveh_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import isotonic_regression
 from scipy.signal import welch
 from scipy.sparse import block_diag, csr_array, diags_array
@@ -76,12 +76,42 @@ class Derivatives:
         Standard deviation of the first, well inside the record.
     bandwidth : float
         Frequency [Hz] up to which the record was followed.
+    trust : float
+        Noise of a measured speed over that of the angle, counted in sample intervals; infinite where no speed was used.
     """
 
     first: np.ndarray
     second: np.ndarray
     noise: float
     bandwidth: float
+    trust: float = math.inf
+
+
+def passed_on(time, bandwidth, trust):
+    """The smooth motion behind a record, or what errors of it become there: linear once the bandwidth is chosen.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Strictly increasing [s].
+    bandwidth, trust : float
+        As `Derivatives` says; the bandwidth above zero.
+
+    Returns
+    -------
+    callable
+        Takes the angle and, where it was used, the speed, or their errors, ndarrays of shape (n,); gives the angle,
+        the first and the second derivative, or theirs.
+    """
+    step = float(np.median(np.diff(time)))
+    band = 2 * math.pi * step * bandwidth
+    curve = _Curve((time - time[0]) / step, band)
+    fitted = curve.fits(band, trust)
+
+    def follow(angle, speed):
+        found = fitted(angle, speed * step)
+        return curve.value @ found, curve.first @ found / step, curve.second @ found / step**2
+    return follow
 
 
 def derivatives(time, angle, speed=None):
@@ -116,7 +146,7 @@ def derivatives(time, angle, speed=None):
         return Derivatives(np.zeros(len(time)), np.zeros(len(time)), 0.0, 0.0)
     u, y = (time - time[0]) / step, (angle - angle[0]) / seen
     band = _bandwidth(u, y, 2)
-    curve = _Curve(u, band)
+    curve, trust = _Curve(u, band), math.inf
     found = curve.fit(y, band)
     noise = max(1.0, float(np.std(y - curve.value @ found)))
     scatter = noise * math.sqrt(band**3 / 6)  # of the slope, of white noise below the bandwidth
@@ -126,11 +156,11 @@ def derivatives(time, angle, speed=None):
         spread = max(resolution(v) / np.sqrt(12.0), math.sqrt(max(apart**2 - scatter**2, 0.0)), _SAME * np.abs(v).max())
         if spread < noise:  # else it says less of every frequency than the angle does
             band = max(band, _bandwidth(u, v, 1))
-            curve = _Curve(u, band)
-            found = curve.fit(y / noise, band, v / noise, spread / noise) * noise
+            curve, trust = _Curve(u, band), spread / noise
+            found = curve.fit(y / noise, band, v / noise, trust) * noise
             scatter = min(scatter, spread)
     return Derivatives(curve.first @ found * (seen / step), curve.second @ found * (seen / step**2),
-                       float(scatter * seen / step), band / (2 * math.pi * step))
+                       float(scatter * seen / step), band / (2 * math.pi * step), trust)
 
 
 def _bandwidth(u, values, order):
@@ -193,12 +223,17 @@ class _Curve:
 
     def fit(self, y, band, v=None, spread=math.inf):
         """Coefficients of the curve that follows values, and slopes with this noise, up to a bandwidth."""
+        return self.fits(band, spread)(y, v)
+
+    def fits(self, band, spread=math.inf):
+        """The same as a function of values and slopes, which are left out where their noise is infinite."""
         # as much is known of the motion as the data tell, where its bandwidth ends
-        weight = (1.0 + (band / spread)**2) / band**6
-        matrix, right = self.value.T @ self.value + weight * self.rough, self.value.T @ y
-        if v is not None:
-            matrix, right = matrix + self.first.T @ self.first / spread**2, right + self.first.T @ v / spread**2
-        return solveh_banded(_bands(matrix), right, lower=True)
+        weight, told = (1.0 + (band / spread)**2) / band**6, math.isfinite(spread)
+        matrix, value = self.value.T @ self.value + weight * self.rough, self.value.T.tocsr()
+        if told:
+            matrix, first = matrix + self.first.T @ self.first / spread**2, self.first.T.tocsr() / spread**2
+        factor = cholesky_banded(_bands(matrix), lower=True)
+        return lambda y, v: cho_solve_banded((factor, True), value @ y + (first @ v if told else 0.0))
 
 
 def _matrices(u, apart, reach):

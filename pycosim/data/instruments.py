@@ -7,14 +7,22 @@ rounded again, with the instrument's zero anywhere within a step.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 DITHERED = 0.5
 """Noise, in steps, from which rounding is noise like any other: the error of a quantiser dithered by Gaussian noise of
 half a step is white within 1 % (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
+OWN = 1 / 6
+"""Variance, in squared steps, that rounding itself may show from sample to sample: 1/12 where it is white, up to twice
+that in even motion. What is taken for noise before the rounding would blur its pattern."""
 AGREED = 0.6
 """Length of the mean phase of the levels on their lattice: 1 on an exact one, 0.64 where few digits round it by half a
 step once more, 0 on none."""
+CALM = 1 / 3
+"""Part of the bandwidth in which a motion is told from its noise: that of an acceleration grows in variance with
+the fifth power of the bandwidth, so that 0.4 % of it is left."""
 HIDDEN = 1.2
 """Steps of the last digit: an instrument that is not coarser than this leaves the same lattice as digits alone."""
 FEWEST = 8  # different values that a column must take for its lattice to be seen
@@ -128,15 +136,15 @@ def rounding(dataset, model, fit, part="fit"):
         Takes a random generator, gives an ndarray of shape (channels, n), in the channels' units; None where no
         column's step exceeds its noise.
     """
-    rows = [*_of_outputs(dataset, model, fit), *_of_inputs(dataset, model, fit)]
+    rows = [*_of_outputs(dataset, model, fit), *_of_inputs(dataset, model, fit), *_of_motion(dataset, model, fit)]
     if not rows:
         return None
     picks = dataset.picks(part)
 
     def draw(rng):
         total = 0.0
-        for values, quantum, dither, response in rows:
-            error = response * rounded(values, quantum, dither, rng)
+        for values, quantum, dither, left in rows:
+            error = left(rounded(values, quantum, dither, rng))
             total = total + sum(weight * take(error) for weight, _, take in picks)
         return total
     return draw
@@ -146,7 +154,7 @@ def _coarse(dataset, names):
     """Signals whose steps are no noise among other noise: with the step and the noise before the rounding."""
     for name in names:
         quantum = dataset.steps.get(name, 0.0)
-        dither = float(np.sqrt(max(dataset.scatter(name) ** 2 - quantum ** 2 / 12, 0.0))) if quantum > 0 else np.inf
+        dither = float(np.sqrt(max(dataset.scatter(name) ** 2 - OWN * quantum ** 2, 0.0))) if quantum > 0 else np.inf
         if dither < DITHERED * quantum:
             yield name, quantum, dither
 
@@ -155,14 +163,34 @@ def _of_outputs(dataset, model, fit):
     """Rounding of the measured channels: a reading that is too large leaves a residual that is too large."""
     coarse = [] if dataset.paired else list(_coarse(dataset, dataset.outputs))
     predicted = dataset.predicted(model, fit.parameters) if coarse else {}
-    for name, quantum, dither in coarse:
-        yield predicted[name], quantum, dither, np.equal(dataset.outputs, name)[:, None].astype(float)
+    for name, *found in coarse:
+        yield predicted[name], *found, partial(np.multiply, np.equal(dataset.outputs, name)[:, None] * 1.0)
 
 
 def _of_inputs(dataset, model, fit):
-    """Rounding of what the model is given, through what the model makes of it."""
-    coarse = {n: found for n, *found in _coarse(dataset, [n for n in dataset.signals if n in dataset.measured])}
+    """Rounding of what the model is given and is no motion, through what the model makes of it."""
+    given = [n for n in dataset.signals if n in dataset.measured and f"der({n})" not in dataset.signals]
+    coarse = {n: found for n, *found in _coarse(dataset, given)}
     for name, response in dataset.responses(model, fit.parameters, list(coarse)).items():
-        values = (smooth(dataset.time, dataset.signals[name], dataset.run) if name.endswith(".phi")
-                  else dataset.exogenous()[name])
-        yield values, *coarse[name], -response
+        yield dataset.exogenous()[name], *coarse[name], partial(np.multiply, -response)
+
+
+def _of_motion(dataset, model, fit):
+    """Rounding of angles and of speeds beside them, which is also in the speeds and accelerations derived from both."""
+    for angle in dataset.followed:
+        speed, names = dataset.speed_beside(angle), [angle, f"der({angle})", f"der(der({angle}))"]
+        coarse = {n: found for n, *found in _coarse(dataset, [n for n in (angle, speed) if n in dataset.measured])}
+        responses = dataset.responses(model, fit.parameters, names) if coarse else {}
+        if not responses:
+            continue
+        derived, true = dataset.passed_on(angle), dataset.motion(angle, CALM)
+        for name, found in coarse.items():
+            yield true[names[name != angle]], *found, partial(_left_by_motion, responses, derived, angle, name == angle)
+
+
+def _left_by_motion(responses, derived, angle, is_angle, error):
+    """What an error of an angle, or of the speed beside it, leaves in the channels."""
+    none = np.zeros_like(error)
+    errors = derived(error, none) if is_angle else derived(none, error)
+    errors[angle] = error if is_angle else none
+    return -sum(response * errors[name] for name, response in responses.items())

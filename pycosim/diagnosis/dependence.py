@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..compile import compile_model
-from ..data.instruments import rounding
+from ..data.instruments import CALM, rounding
 from ..data.noise import contiguous
 
 BINS = 24
@@ -118,6 +118,10 @@ def explanations(dataset, model, fit, problem_index):
     segments, angles = model.segments, []
     signals = dataset.segment_signals(model, fit.parameters, [f"{c}.{v}" for c in segments for v in ("w", "L", "phi")],
                                       None, dataset.exogenous())
+    # what an encoder errs by is in the residual through the acceleration: it must not be in what explains that
+    still = {n: v for angle in dataset.followed for n, v in dataset.motion(angle, CALM).items()}
+    calm = dataset.segment_signals(model, fit.parameters, [f"{c}.w" for c in segments], None,
+                                   {**dataset.exogenous(), **still})
     for component, place in segments.items():
         if f"{component}.phi" in signals and not dataset.averaged:
             found[f"angle@{place}"] = signals[f"{component}.phi"]
@@ -129,8 +133,7 @@ def explanations(dataset, model, fit, problem_index):
             for k in range(len(dataset.logs)):
                 part = dataset.run == k
                 if part.sum() > 10:
-                    t, w = dataset.time[part], signals[f"{component}.w"][part]
-                    rate[part] = np.gradient(w, t)
+                    rate[part] = np.gradient(calm[f"{component}.w"][part], dataset.time[part])
             found[f"acceleration@{place}"] = rate
     found = {n: v[problem_index] for n, v in found.items() if np.ptp(v[problem_index]) > 0}
     for name in [n for n in angles if n in found]:  # one that a column or another segment tells is said once

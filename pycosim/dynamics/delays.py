@@ -1,9 +1,10 @@
 """Signals as they were recorded and a model with delays in; the signals at the time they tell of out.
 
 A delay is undone by moving the record in time: one without noise along a cubic spline, a measured one by whole samples,
-and between them along the slope of what the motion predicts. What a filter has held back of a measured one is what it
-would hold back of that prediction: the slope of the record itself is mostly noise. The model's function then needs only
-the derivative by the delay or the time constant.
+and between them along the slope of what the motion predicts. Noise stays where it is: moved, it would meet the noise of
+other samples, and the sum of squares differ by more than a short delay changes it. What a filter has held back of a
+measured one is what it would hold back of that prediction: the slope of the record itself is mostly noise. The model's
+function then needs only the derivative by the delay or the time constant.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from .filters import settings
 _LEAST = 8  # samples of a log that is moved
 
 
-def undo(question, signals, time, run, parameters, slopes=None, held=None, record=None):
+def undo(question, signals, time, run, parameters, slopes=None, held=None, record=None, moved=None):
     """Signals of a question with their delays undone.
 
     Parameters
@@ -39,6 +40,9 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
         of that by the time constant, each of shape (n,).
     record : callable, optional
         Values of another signal to its `Record`, where that is kept from call to call.
+    moved : callable, optional
+        Name of a measured torque to what it is without noise, shape (n,), NaN where it may jump: there it is moved as
+        recorded, elsewhere without its noise, which stays where it is. As recorded by default.
 
     Returns
     -------
@@ -57,8 +61,11 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
             found[name], back = one.at(delay), (lag * slope, slope)
         else:
             near, apart = _nearest(time, run, delay)
-            slope = slopes[name][near]
-            found[name] = signals[name][near] + slope * apart
+            slope, found[name] = slopes[name][near], signals[name][near]
+            if moved:
+                calm = signals[name] + moved(name)[near] - moved(name)
+                found[name] = np.where(np.isnan(calm), found[name], calm)
+            found[name] = found[name] + slope * apart
             back = [v[near] for v in held(name, lag)] if at_lag in question.inputs else ()
         found[f"at({name})"], found[f"der({name})"] = float(delay), slope
         if at_lag in question.inputs:

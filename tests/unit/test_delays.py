@@ -94,6 +94,20 @@ def test_a_filter_is_undone_in_every_run_alike(lagging_study):
         assert np.sqrt(np.mean(off ** 2)) < 0.05 * np.abs(alone).max()
 
 
+def test_the_error_over_a_short_delay_has_one_valley_for_all_the_noise_of_the_record(lagging_study):
+    log = pd.read_csv(lagging_study.parent / "log.csv")
+    log["tau"] += 0.004 * np.random.default_rng(0).standard_normal(len(log))
+    log.to_csv(lagging_study.parent / "log.csv", index=False)
+    data = Dataset(load_study(lagging_study), Library())
+    model = compile_model(data.library, data.study.rig, [("time_delay", "torque")])
+    values = {n: v.value for n, v in data.variables(model).items()}
+    slopes = []
+    for d in 0.002 * np.arange(1, 12):
+        pair = [data.residuals(model, [], {**values, "time_delay_torque.d": x}).residual([]) for x in (d, d + 0.002)]
+        slopes.append(np.diff([np.mean(r ** 2) for r in pair])[0])
+    assert np.count_nonzero(np.diff(np.sign(slopes))) <= 1
+
+
 def test_the_slope_of_a_residual_by_a_lag_of_the_torque_is_its_difference(lagging_study):
     data = Dataset(load_study(lagging_study), Library())
     model = compile_model(data.library, data.study.rig, [("time_delay", "torque"), ("low_pass", "torque")])
