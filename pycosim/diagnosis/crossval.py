@@ -74,7 +74,7 @@ def select(dataset, model, fit, noise, usual=None):
     low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
     high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
     fold = dataset.fold[blocks]
-    errors = [_cross_validate(gram, fold, low, high) for gram in (raw, white)]
+    errors = [_cross_validate(raw, fold, low, high), _predictive(white, fold, low, high)]
     if dataset.by_run:  # the blocks of a log share its conditions
         own = np.unique(dataset.blocks.run[blocks], return_inverse=True)[1]
         errors = [np.array([np.bincount(own, of_channel) for of_channel in e]) for e in errors]
@@ -90,6 +90,25 @@ def _cross_validate(gram, fold, low, high):
         _, x = bounded(rest[:-1, :-1], rest[:-1, -1], low, high)
         y = np.r_[-x, 1.0]
         error[:, inside] = np.einsum("i,cbij,j->cb", y, gram[:, inside], y)
+    return error
+
+
+def _predictive(gram, fold, low, high):
+    """What each channel and block adds to the squares of the other folds, with parameters that may give way to it.
+
+    An error of prediction in units of what the other folds leave open. Where they hardly tell a parameter - one fold
+    alone has another load - a right model errs as far as a wrong one, and that tells nothing of either.
+    """
+    whole = gram.sum((0, 1))
+    kept, x = bounded(whole[:-1, :-1], whole[:-1, -1], low, high)
+    y = np.r_[-x, 1.0]
+    error = np.einsum("i,cbij,j->cb", y, gram, y)
+    for f in np.unique(fold):
+        inside = fold == f
+        rest = whole - gram[:, inside].sum((0, 1))
+        gained = bounded(rest[:-1, :-1], rest[:-1, -1], low, high)[0]
+        risen = (whole[-1, -1] - kept) - (rest[-1, -1] - gained) - error[:, inside].sum()
+        error[:, inside] += risen / error[:, inside].size
     return error
 
 

@@ -323,18 +323,22 @@ def _cost(fit, usual):
 def _refit(dataset, model, fit, scores, finding, usual, table):
     """Fit the model with one candidate; whether it could be fitted."""
     larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
-    start = {**fit.parameters, **finding.start}
+    start, lifted = {**fit.parameters, **finding.start}, {}
     for component in larger.attached[-1][1].components:
         name = f"{component}.f0"
-        if name in fit.free:
-            start[name] = max(start[name], table.least_loss(component))
+        if name in fit.free and start[name] < table.least_loss(component):
+            lifted[name] = table.least_loss(component)
         name = f"{component}.mu"
         if name in fit.free and "mu" in table.reads(finding.effect):
             start[name] = min(start[name], table.most_efficient(component))
+    starts = [{**start, **lifted}]
+    if lifted and not any(fit.at_bound(name) for name in lifted):
+        starts.append(start)  # a small loss that nothing presses may be what there is
     try:
-        finding.fit = _best_fit(dataset, larger, nudged(start, larger, finding), scores.single, usual)
+        fits = [_best_fit(dataset, larger, nudged(s, larger, finding), scores.single, usual) for s in starts]
     except PycosimError:
         return False
+    finding.fit = min(fits, key=lambda f: _cost(f, usual))
     finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
     finding.coefficients = _coefficients(larger, finding.fit)
     base = component_name(*larger.attached[-1])
@@ -455,7 +459,8 @@ def _decide(findings, rivals, base, refines, steady):
     best = _plainly_better(base, earned)
     if _at_a_bound(best):  # a coefficient that the bounds alone hold is no measurement, where another does as well
         best = next((f for f in earned[1:] if not _at_a_bound(f) and _twins(base, f, best)), best)
-    twins = [f for f in rivals if f is not best and f.refused not in (NOTHING, UNSOLVED) and _twins(base, f, best)]
+    twins = [f for f in rivals if f is not best and f.refused not in (NOTHING, UNSOLVED)
+             and _twins(base, f, best) and not _needless(f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(base, f, best, 3.0)), None)
     enough = plain is not None and steady(plain)
     if enough:  # a correction of an effect is not claimed where the effect itself does nearly as well
@@ -552,6 +557,14 @@ def _twins(base, other, best, errors=SEPARATE):
         if gap >= least and not (gap <= errors * spread and gap < ALIKE * difference(none, two)[0]):
             return False
     return True
+
+
+def _needless(other, best):
+    """Whether a law of more coefficients leaves no less, and the data do not tell one of them: the lesser law again."""
+    if len(other.fit.free) <= len(best.fit.free) or other.selection.white.sum() < best.selection.white.sum():
+        return False
+    found = [(c["value"], *c["ci95"]) for c in other.coefficients.values()]
+    return _at_a_bound(other) or any(high - low > 2 * abs(value) for value, low, high in found)
 
 
 def _verdict(findings, alarm, hidden, dataset, attached):

@@ -1,0 +1,57 @@
+"""How rivals are compared on folds that they were not fitted to, and which of them are no alternatives."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pycosim.diagnosis.crossval import _cross_validate, _predictive
+from pycosim.diagnosis.decide import _needless
+
+FREE = np.full(2, np.inf)
+
+
+def totals(columns, y, fold):
+    """Errors of both kinds of a linear model with unit noise, a fold a block."""
+    rows = np.vstack([columns, y])
+    gram = np.array([[rows[:, fold == f] @ rows[:, fold == f].T for f in range(fold.max() + 1)]])
+    bounds = -FREE[:len(columns)], FREE[:len(columns)]
+    return tuple(of(gram, np.arange(fold.max() + 1), *bounds).sum() for of in (_cross_validate, _predictive))
+
+
+def world(seed, alone):
+    """A law of two columns, told apart in one fold alone or in all, and the law of one that stands in for it."""
+    rng = np.random.default_rng(seed)
+    fold = np.repeat(np.arange(5), 200)
+    one = rng.standard_normal(1000)
+    other = one + (np.where(fold == 4, 1.0, 1e-4) if alone else 1.0) * rng.standard_normal(1000)
+    y = one + other + rng.standard_normal(1000)
+    return totals(np.array([one, other]), y, fold), totals(one[None], y, fold)
+
+
+def test_a_fold_that_alone_tells_a_coefficient_does_not_put_the_right_law_behind():
+    right, lesser = np.swapaxes([world(seed, True) for seed in range(40)], 0, 1)
+    assert np.mean(right[:, 0] < lesser[:, 0]) < 0.9  # plain errors of prediction say as much of either
+    assert np.all(right[:, 1] < lesser[:, 1])
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_the_error_of_prediction_of_the_right_law_is_the_noise(alone):
+    found = np.array([world(seed, alone)[0][1] for seed in range(40)])
+    assert abs(found.mean() - 1000) < 4 * np.sqrt(2 * 1000 / 40)
+
+
+def rival(white, value, interval, count):
+    """A refitted candidate with one coefficient of its own."""
+    fit = SimpleNamespace(free=["base.f0"] + [f"law_x.c{k}" for k in range(count)], at_bound=lambda name: None)
+    return SimpleNamespace(effect="law", fit=fit, selection=SimpleNamespace(white=np.array([white])),
+                           coefficients={"c": {"value": value, "ci95": interval}})
+
+
+@pytest.mark.parametrize("white, interval, expected", [
+    (10.0, (-500.0, 700.0), True),  # the law without the coefficient, again
+    (10.0, (90.0, 110.0), False),  # the data tell its coefficient
+    (4.0, (-500.0, 700.0), False),  # it leaves less
+])
+def test_a_law_of_one_more_coefficient_that_the_data_do_not_tell_is_no_alternative(white, interval, expected):
+    assert _needless(rival(white, 100.0, interval, 2), rival(9.0, 1.0, (0.9, 1.1), 1)) == expected
