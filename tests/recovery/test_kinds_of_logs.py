@@ -117,3 +117,26 @@ def test_torques_that_come_late_by_ten_samples_are_a_delay_and_nothing_else(tmp_
     result = search.improve(Dataset(load_study(study), Library()))
     assert [found[0] for found in told(result)] == [("time_delay", "torque")], summary(result)
     assert 0.03 < result.steps[1].finding.coefficients["d"]["value"] < 0.06
+
+
+def hidden(case, folder):
+    """What `improve` finds in a short log of a case, first and last verdict and the effects with their places."""
+    result = search.improve(Dataset(load_study(make(case, folder, quick=True)), Library()))
+    return result.first.verdict, result.last.verdict, [found[0] for found in told(result)], summary(result)
+
+
+@pytest.mark.parametrize("case", ["linear_digital:none::910", "linear_digital:none::943"])
+def test_an_encoder_s_steps_in_even_motion_are_no_ripple_and_no_function_of_the_acceleration(case, tmp_path):
+    first, last, found, shown = hidden(case, tmp_path)
+    assert (first, last, found) == ("nothing_missing", "nothing_missing", []), shown
+
+
+@pytest.mark.parametrize("case", ["linear_digital:thermal_drift:1.7:703", "linear:thermal_drift:1.3:910"])
+def test_a_change_of_a_loss_that_is_small_beside_the_inertia_is_found(case, tmp_path):
+    first, last, found, shown = hidden(case, tmp_path)
+    assert (first, last, found) == ("missing_effect", "nothing_missing", [("thermal_drift", "guide")]), shown
+
+
+def test_an_effect_that_one_part_of_the_log_alone_tells_is_not_behind_one_that_stands_in_for_it(tmp_path):
+    first, _, found, shown = hidden("geared_digital:torque_constant:1.7:1867", tmp_path)
+    assert first == "missing_effect" and found[0] == ("torque_constant", "motor"), shown
