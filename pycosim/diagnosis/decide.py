@@ -560,11 +560,19 @@ def _twins(base, other, best, errors=SEPARATE):
 
 
 def _needless(other, best):
-    """Whether a law of more coefficients leaves no less, and the data do not tell one of them: the lesser law again."""
+    """Whether a law of more coefficients leaves no less, and the data tell no speed, travel or time of it.
+
+    It is the lesser law once more: a Stribeck speed far above all others leaves friction that does not fall.
+    """
     if len(other.fit.free) <= len(best.fit.free) or other.selection.white.sum() < best.selection.white.sum():
         return False
-    found = [(c["value"], *c["ci95"]) for c in other.coefficients.values()]
-    return _at_a_bound(other) or any(high - low > 2 * abs(value) for value, low, high in found)
+    scales = [c for n, c in other.coefficients.items() if other.fit.variables[_own(other, n)].min > 0]
+    return any(c["ci95"][1] - c["ci95"][0] > 2 * c["value"] for c in scales)
+
+
+def _own(finding, coefficient):
+    """Name of a coefficient of a refitted candidate among the fitted parameters."""
+    return next(n for n in finding.fit.free if n.startswith(f"{finding.effect}_") and n.endswith(f".{coefficient}"))
 
 
 def _verdict(findings, alarm, hidden, dataset, attached):

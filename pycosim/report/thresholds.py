@@ -1,49 +1,54 @@
 """Nothing in but the modules that decide; the thresholds that a result hangs on, with what each means, out.
 
 Each value stands once, with its reason and its source, where it is used; a result names it so that whoever reads the
-file alone knows what was asked of the data.
+file alone knows what was asked of the data. The modules are imported when a result is written: an export needs none.
 """
 
 from __future__ import annotations
 
-from ..data.checks import finding
-from ..design import plan
-from ..diagnosis import constancy, decide, dependence, lack_of_fit, remainder, scores, search
-from ..fit import least_squares, nullspace
+from importlib import import_module
 
 _EVIDENCE = {
-    "level": (scores, "LEVEL", "family-wise p-value below which a candidate counts"),
-    "relevant": (dependence, "RELEVANT", "least share of the error's energy that a candidate must take to matter"),
-    "bound_pressed": (scores, "PRESSED", "variances of the noise that leaving a bound must win for a parameter "
-                                         "to press against it"),
-    "separate": (decide, "SEPARATE", "standard errors by which unseen folds must tell two candidates apart"),
-    "alike": (decide, "ALIKE", "share of what the best candidate takes that an alternative may leave"),
-    "left": (remainder, "LEFT", "share of what a candidate takes that one variable may still explain of the rest"),
-    "varies": (constancy, "LACK", "share of what a candidate takes that it may gain where its coefficient varies"),
-    "varies_sure": (constancy, "SURE", "standard errors by which a varying coefficient must predict unseen data "
-                                         "better"),
+    "level": ("diagnosis.scores.LEVEL", "family-wise p-value below which a candidate counts"),
+    "relevant": ("diagnosis.dependence.RELEVANT",
+                 "least share of the error's energy that a candidate must take to matter"),
+    "bound_pressed": ("diagnosis.scores.PRESSED",
+                      "variances of the noise that leaving a bound must win for a parameter to press against it"),
+    "separate": ("diagnosis.decide.SEPARATE", "standard errors by which unseen folds must tell two candidates apart"),
+    "alike": ("diagnosis.decide.ALIKE", "share of what the best candidate takes that an alternative may leave"),
+    "left": ("diagnosis.remainder.LEFT",
+             "share of what a candidate takes that one variable may still explain of the rest"),
+    "varies": ("diagnosis.constancy.LACK",
+               "share of what a candidate takes that it may gain where its coefficient varies"),
+    "varies_sure": ("diagnosis.constancy.SURE",
+                    "standard errors by which a varying coefficient must predict unseen data better"),
 }
 _REST = {
-    "depends": (dependence, "ALARM", "standard errors by which a dependence must lower the error on unseen blocks"),
-    "above_floor": (decide, "SLOW", "squared error over that of the noise floor above which something is left"),
-    "visible": (decide, "VISIBLE", "error over the size of the signal above which something is left"),
-    "guess": (lack_of_fit, "ENOUGH", "share of the energy beyond noise that a guessed shape must explain on "
-                                     "unseen folds"),
-    "shown": (scores, "SEEN", "standard errors that an effect's largest size must exceed for the log to show it"),
+    "depends": ("diagnosis.dependence.ALARM",
+                "standard errors by which a dependence must lower the error on unseen blocks"),
+    "above_floor": ("diagnosis.decide.SLOW",
+                    "squared error over that of the noise floor above which something is left"),
+    "visible": ("diagnosis.decide.VISIBLE", "error over the size of the signal above which something is left"),
+    "guess": ("diagnosis.lack_of_fit.ENOUGH",
+              "share of the energy beyond noise that a guessed shape must explain on unseen folds"),
+    "shown": ("diagnosis.scores.SEEN",
+              "standard errors that an effect's largest size must exceed for the log to show it"),
 }
 _TABLES = {
-    "check": {"stops": (finding, "SURE", "certainty from which a mistake of wiring or units stops a search")},
+    "check": {"stops": ("data.checks.finding.SURE",
+                        "certainty from which a mistake of wiring or units stops a search")},
     "parameters": {
-        "undetermined": (least_squares, "NULL", "eigenvalue of the scaled normal matrix below which a combination is "
-                                                "not determined"),
-        "hardly": (nullspace, "HARDLY", "correlation from which two parameters are told as hard to tell apart"),
-        "at_bound": (least_squares, "MARGIN", "half the distance from a bound, over the nominal value, within which a "
-                                              "parameter is at it")},
+        "undetermined": ("fit.least_squares.NULL",
+                         "eigenvalue of the scaled normal matrix below which a combination is not determined"),
+        "hardly": ("fit.nullspace.HARDLY", "correlation from which two parameters are told as hard to tell apart"),
+        "at_bound": ("fit.least_squares.MARGIN",
+                     "half the distance from a bound, over the nominal value, within which a parameter is at it")},
     "diagnosis": {**_EVIDENCE, **_REST},
-    "ladder": {**_EVIDENCE, "most": (search, "MOST", "effects that one search may add")},
-    "plan": {"separate": (plan, "SEPARATE", "squares of the noise's standard deviation by which two candidates must "
-                                            "differ to count as told apart"),
-             "same": (plan, "ALIKE", "squares of the noise's standard deviation below which they are one")},
+    "ladder": {**_EVIDENCE, "most": ("diagnosis.search.MOST", "effects that one search may add")},
+    "plan": {"separate": ("design.plan.SEPARATE",
+                          "squares of the noise's standard deviation by which two candidates must differ to count as "
+                          "told apart"),
+             "same": ("design.plan.ALIKE", "squares of the noise's standard deviation below which they are one")},
 }
 
 
@@ -65,5 +70,9 @@ def thresholds(kind):
     >>> thresholds("diagnosis")["level"]["means"]
     'family-wise p-value below which a candidate counts'
     """
-    return {name: {"value": getattr(module, constant), "means": means}
-            for name, (module, constant, means) in _TABLES[kind].items()}
+    return {name: {"value": _value(*where.rsplit(".", 1)), "means": means}
+            for name, (where, means) in _TABLES[kind].items()}
+
+
+def _value(module, constant):
+    return getattr(import_module(f"pycosim.{module}"), constant)
