@@ -459,8 +459,7 @@ def _decide(findings, rivals, base, refines, steady):
     best = _plainly_better(base, earned)
     if _at_a_bound(best):  # a coefficient that the bounds alone hold is no measurement, where another does as well
         best = next((f for f in earned[1:] if not _at_a_bound(f) and _twins(base, f, best)), best)
-    twins = [f for f in rivals if f is not best and f.refused not in (NOTHING, UNSOLVED)
-             and _twins(base, f, best) and not _needless(f, best)]
+    twins = [f for f in rivals if f is not best and f.refused not in (NOTHING, UNSOLVED) and _twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(base, f, best, 3.0)), None)
     enough = plain is not None and steady(plain)
     if enough:  # a correction of an effect is not claimed where the effect itself does nearly as well
@@ -557,22 +556,6 @@ def _twins(base, other, best, errors=SEPARATE):
         if gap >= least and not (gap <= errors * spread and gap < ALIKE * difference(none, two)[0]):
             return False
     return True
-
-
-def _needless(other, best):
-    """Whether a law of more coefficients leaves no less, and the data tell no speed, travel or time of it.
-
-    It is the lesser law once more: a Stribeck speed far above all others leaves friction that does not fall.
-    """
-    if len(other.fit.free) <= len(best.fit.free) or other.selection.white.sum() < best.selection.white.sum():
-        return False
-    scales = [c for n, c in other.coefficients.items() if other.fit.variables[_own(other, n)].min > 0]
-    return any(c["ci95"][1] - c["ci95"][0] > 2 * c["value"] for c in scales)
-
-
-def _own(finding, coefficient):
-    """Name of a coefficient of a refitted candidate among the fitted parameters."""
-    return next(n for n in finding.fit.free if n.startswith(f"{finding.effect}_") and n.endswith(f".{coefficient}"))
 
 
 def _verdict(findings, alarm, hidden, dataset, attached):

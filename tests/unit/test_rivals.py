@@ -1,12 +1,9 @@
-"""How rivals are compared on folds that they were not fitted to, and which of them are no alternatives."""
-
-from types import SimpleNamespace
+"""How rivals are compared on folds that they were not fitted to."""
 
 import numpy as np
 import pytest
 
 from pycosim.diagnosis.crossval import _cross_validate, _predictive
-from pycosim.diagnosis.decide import _needless
 
 FREE = np.full(2, np.inf)
 
@@ -40,20 +37,3 @@ def test_the_error_of_prediction_of_the_right_law_is_the_noise(alone):
     found = np.array([world(seed, alone)[0][1] for seed in range(40)])
     assert abs(found.mean() - 1000) < 4 * np.sqrt(2 * 1000 / 40)
 
-
-def rival(white, count, interval=(0.9, 1.1), least=0.1):
-    """A refitted candidate, the first of whose coefficients has an interval and a least value."""
-    free = [f"law_x.c{k}" for k in range(count)]
-    fit = SimpleNamespace(free=["base.f0", *free], variables={n: SimpleNamespace(min=least) for n in free})
-    return SimpleNamespace(effect="law", fit=fit, selection=SimpleNamespace(white=np.array([white])),
-                           coefficients={"c0": {"value": float(np.mean(interval)), "ci95": interval}})
-
-
-@pytest.mark.parametrize("white, interval, least, expected", [
-    (10.0, (-500.0, 700.0), 0.1, True),  # the law without the coefficient, again
-    (10.0, (90.0, 110.0), 0.1, False),  # the data tell its coefficient
-    (10.0, (-500.0, 700.0), -10.0, False),  # an angle, whose zero is where somebody put it
-    (4.0, (-500.0, 700.0), 0.1, False),  # it leaves less
-])
-def test_a_law_of_one_more_coefficient_that_the_data_do_not_tell_is_no_alternative(white, interval, least, expected):
-    assert _needless(rival(white, 2, interval, least), rival(9.0, 1)) == expected
