@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import io
 import os
 import time
 from pathlib import Path
 
 from ..core.errors import PycosimError
 from ..core.executors import each, lost
+from ..core.whole import write_whole
 
 TABLE = "studies.csv"
 IMPORTS = ("pycosim.cli.verbs", "pycosim.project", "pycosim.report.figures", "pycosim.report.page",
@@ -151,10 +153,9 @@ def _known(path):
 
 
 def _write(path, rows):
-    """Write the table whole, so that a crash leaves the one before."""
-    new = path.with_name(f".{path.name}.{os.getpid()}")
-    with new.open("w", newline="", encoding="utf-8") as stream:
-        table = csv.DictWriter(stream, COLUMNS)
-        table.writeheader()
-        table.writerows(rows)
-    os.replace(new, path)
+    """Write the table; a crash leaves the one before."""
+    stream = io.StringIO(newline="")
+    table = csv.DictWriter(stream, COLUMNS)
+    table.writeheader()
+    table.writerows(rows)
+    write_whole(path, stream.getvalue())

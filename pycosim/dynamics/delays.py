@@ -63,7 +63,8 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
             near, apart = _nearest(time, run, delay)
             slope, found[name] = slopes[name][near], signals[name][near]
             if moved:
-                calm = signals[name] + moved(name)[near] - moved(name)
+                smooth = moved(name)
+                calm = signals[name] + smooth[near] - smooth
                 found[name] = np.where(np.isnan(calm), found[name], calm)
             found[name] = found[name] + slope * apart
             back = [v[near] for v in held(name, lag)] if at_lag in question.inputs else ()
