@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri, ndtri  # quantiles; scipy.stats takes half a second to import
 
 from ..compile.effects import annotation
 from .compare import unit_of
@@ -70,7 +70,7 @@ def smallest(scores, level):
         candidate = score.candidate
         sided = len(candidate.parts) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
         tail = min(np.exp(-thresholds[score.scanned]) * (2 if sided else 1), 1.0)
-        wanted = np.sqrt(stats.chi2.isf(tail, len(candidate.parts))) + stats.norm.ppf(0.9)
+        wanted = np.sqrt(chdtri(len(candidate.parts), tail)) + ndtri(0.9)
         size = float(wanted * np.min(score.spread))
         if not np.isfinite(size):  # every size could hide: nothing is known to be absent
             continue
