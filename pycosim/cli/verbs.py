@@ -126,7 +126,7 @@ def _compare(run, arguments):
 
 
 def _identify(run, arguments):
-    if not run.project.dataset.free(run.project.model):
+    if not run.project.dataset.parameters.free(run.project.model):
         raise StudyError(f"{run.project.study.path}: no parameter is free; write fixed = false at those to identify")
     fitted = run.fit()
     run.write("parameters.json", fitted.to_dict())

@@ -11,6 +11,9 @@ from functools import partial
 
 import numpy as np
 
+from .motion import speed_beside
+from .scatter import responses, scatter
+
 DITHERED = 0.5
 """Noise, in steps, from which rounding is noise like any other: the error of a quantiser dithered by Gaussian noise of
 half a step is white within 1 % (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
@@ -66,28 +69,6 @@ def _lattice(levels, start):
         if reach >= levels[-1] - levels[0] or agreed < AGREED:
             return least, agreed
         reach *= 4.0
-
-
-def smooth(time, values, run):
-    """A rounded signal between the moments at which it changes, where it is known best.
-
-    Parameters
-    ----------
-    time, values, run : ndarray, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        The values themselves where a run holds fewer than two changes.
-    """
-    found = np.array(values, dtype=float)
-    for k in np.unique(run):
-        part = np.flatnonzero(run == k)
-        t, v = time[part], values[part]
-        moved = np.flatnonzero(np.diff(v))
-        if len(moved) > 1:
-            found[part] = np.interp(t, (t[moved] + t[moved + 1]) / 2, (v[moved] + v[moved + 1]) / 2)
-    return found
 
 
 def rounded(values, quantum, dither, rng):
@@ -154,7 +135,7 @@ def _coarse(dataset, names):
     """Signals whose steps are no noise among other noise: with the step and the noise before the rounding."""
     for name in names:
         quantum = dataset.steps.get(name, 0.0)
-        dither = float(np.sqrt(max(dataset.scatter(name) ** 2 - OWN * quantum ** 2, 0.0))) if quantum > 0 else np.inf
+        dither = float(np.sqrt(max(scatter(dataset, name) ** 2 - OWN * quantum ** 2, 0.0))) if quantum > 0 else np.inf
         if dither < DITHERED * quantum:
             yield name, quantum, dither
 
@@ -171,21 +152,21 @@ def _of_inputs(dataset, model, fit):
     """Rounding of what the model is given and is no motion, through what the model makes of it."""
     given = [n for n in dataset.signals if n in dataset.measured and f"der({n})" not in dataset.signals]
     coarse = {n: found for n, *found in _coarse(dataset, given)}
-    for name, response in dataset.responses(model, fit.parameters, list(coarse)).items():
+    for name, response in responses(dataset, model, fit.parameters, list(coarse)).items():
         yield dataset.exogenous()[name], *coarse[name], partial(np.multiply, -response)
 
 
 def _of_motion(dataset, model, fit):
     """Rounding of angles and of speeds beside them, which is also in the speeds and accelerations derived from both."""
-    for angle in dataset.followed:
-        speed, names = dataset.speed_beside(angle), [angle, f"der({angle})", f"der(der({angle}))"]
+    for angle in dataset.motion.followed:
+        speed, names = speed_beside(angle), [angle, f"der({angle})", f"der(der({angle}))"]
         coarse = {n: found for n, *found in _coarse(dataset, [n for n in (angle, speed) if n in dataset.measured])}
-        responses = dataset.responses(model, fit.parameters, names) if coarse else {}
-        if not responses:
+        slopes = responses(dataset, model, fit.parameters, names) if coarse else {}
+        if not slopes:
             continue
-        derived, true = dataset.passed_on(angle), dataset.motion(angle, CALM)
+        derived, true = dataset.motion.passed_on(angle), dataset.motion.calm(angle, CALM)
         for name, found in coarse.items():
-            yield true[names[name != angle]], *found, partial(_left_by_motion, responses, derived, angle, name == angle)
+            yield true[names[name != angle]], *found, partial(_left_by_motion, slopes, derived, angle, name == angle)
 
 
 def _left_by_motion(responses, derived, angle, is_angle, error):

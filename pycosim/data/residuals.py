@@ -12,6 +12,7 @@ from ..compile import ArrayFunction
 from ..dynamics.filters import first_order
 from ..dynamics.states import dependent_parameters
 from .noise import chained
+from .torques import of_load
 
 _CHUNK = 8192
 
@@ -321,3 +322,70 @@ def _slice(value, where):
     return value[where] if isinstance(value, np.ndarray) else value
 
 
+def held(dataset, question, index):
+    """Channels of a data set that a filter has held back.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    question : Question
+        That the model is asked; its `held` names the channels.
+    index : ndarray of int, shape (n,)
+        Samples of the residual.
+
+    Returns
+    -------
+    Held or None
+        None where nothing is held back.
+    """
+    lags = {dataset.compared(c): n for c, n in question.held.items() if dataset.compared(c)}
+    if not lags:
+        return None
+    return Held({dataset.outputs.index(c): n for c, n in lags.items()},
+                np.array([of_load(dataset, c) for c in lags]), dataset.time, dataset.run, index)
+
+
+def evaluated(dataset, model, picks, signals):
+    """What a residual is made of, as a function of the parameters.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+        With whatever effects are attached.
+    picks : list of (float, ndarray of int, callable)
+        As `Dataset.picks` gives them.
+    signals : dict of str to ndarray, shape (n,)
+        That the model is given, as recorded.
+
+    Returns
+    -------
+    callable
+        ``terms(parameters, free) -> list of Term``.
+    """
+    question = dataset.ask(model)
+    cached, stateful, read = {}, dependent_parameters(question), _read(dataset, question)
+
+    def terms(values, with_respect_to):
+        key = (tuple(values[n] for n in stateful), tuple(with_respect_to))
+        if key not in cached:
+            states, sensitivities = dataset.states(model, values, with_respect_to)
+            cached.clear()
+            moved = dataset.undelayed(question, values, signals)
+            cached[key] = [Term(weight, {n: take(v) if isinstance(v, np.ndarray) else v
+                                         for n, v in moved.items() if n in read}, take(states),
+                                take(sensitivities)) for weight, _, take in picks]
+        return cached[key]
+
+    return terms
+
+
+def _read(dataset, question):
+    """Inputs that the errors, the segments' loads or the friction states depend on."""
+    def make():
+        u, x, p = question.symbols()
+        chosen = question.select(dataset.outputs + [n for n in question.outputs if n.endswith(".L")])
+        used = {s.name() for s in ca.symvar(ca.vertcat(chosen.output(u, x, p), question.rate(u, x, p)))}
+        return {n for n, s in zip(question.inputs, ca.vertsplit(u)) if s.name() in used}
+
+    return question.memo(("residuals.read", *dataset.outputs), make)

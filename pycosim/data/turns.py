@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
+from ..dynamics.states import propagate
+from .derivatives import resolution
 from .noise import contiguous
 
 BUILT_UP = 0.02  # of a segment's friction, that may still have to build up where it counts as sliding
@@ -64,3 +66,74 @@ def building_up(miss, longer, moving, passes, time, errors, columns):
     if total < SEEN * usual or left - usual > (1 - EXPLAINED) * (total - usual):
         return np.zeros(len(time), dtype=bool)
     return own
+
+
+def of_travel(dataset, parameters, moving):
+    """Samples at which what friction builds up over the model's own travel would be taken for an effect.
+
+    Smoothed speeds follow it: an encoder's steps go to and fro in slow motion.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its speeds and passes are known.
+    parameters : dict of str to float
+        Of the base model, `travel` [rad] or [m] among them.
+    moving : ndarray of bool, shape (n,)
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    base, question, signals = dataset.base, dataset.question, dataset.signals
+    own = [f"{c}.z" for c in base.segments]
+    if dataset.averaged or not own:
+        return np.zeros(len(dataset.time), dtype=bool)
+    rates, at = {n: v for n, v in signals.items() if n.startswith("der(")}, [question.states.index(n) for n in own]
+    sliding = np.zeros((len(question.states), len(dataset.time)))
+    sliding[at] = np.sign(dataset.speeds)
+
+    def state(times):
+        longer = {n: v * times if n.endswith(".travel") else v for n, v in parameters.items()}
+        return propagate(question, rates, dataset.time, longer, dataset.run, only=own)[0][at]
+
+    def predicted(states):
+        return np.array(list(dataset.segment_signals(base, parameters, dataset.outputs, states).values()))
+
+    early, at_once, columns = state(1.0), predicted(sliding), []
+    for k, row in enumerate(at):
+        states = sliding.copy()
+        states[row] = early[k]
+        columns.append(predicted(states) - at_once)
+    errors = np.array([dataset.reference(c) for c in dataset.outputs]) - at_once
+    return building_up(early - sliding[at], state(LONGER) - sliding[at], moving, dataset.passes, dataset.time, errors,
+                       np.array(columns))
+
+
+def without_ends(dataset, moving, angles):
+    """Leave out the ends of a pass that smoothing makes look like motion: less than two encoder steps from rest.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its passes are known.
+    moving : ndarray of bool, shape (n,)
+    angles : list of ndarray, shape (n,)
+        As recorded [rad], positions [m].
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True where `moving` is, but for those ends.
+    """
+    moving = moving.copy()
+    least = {(run, k): 1.5 * resolution(angle[dataset.run == run]) + 1e-9 * np.ptp(angle)
+             for run in np.unique(dataset.run) for k, angle in enumerate(angles)}
+    for pass_number in np.unique(dataset.passes[dataset.passes >= 0]):
+        inside = np.flatnonzero(dataset.passes == pass_number)
+        first, last = max(inside[0] - 3, 0), min(inside[-1] + 3, len(dataset.time) - 1)
+        for k, angle in enumerate(angles):
+            near = least[dataset.run[inside[0]], k]
+            moving[inside[np.abs(angle[inside] - angle[first]) < near]] = False
+            moving[inside[np.abs(angle[inside] - angle[last]) < near]] = False
+    return moving

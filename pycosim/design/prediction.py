@@ -127,7 +127,7 @@ def predicted_fit(dataset, model, free, values, noise, part="fit", seed=0):
     """
     problem = dataset.residuals(model, free, values, part)
     x = np.array([values[n] for n in free])
-    variables = dataset.variables(model)
+    variables = dataset.parameters.variables(model)
     slope = np.concatenate([j for _, _, j in problem.blocks(x)], axis=2)
     white = np.array([n.white for n in noise])
     weights = np.exp(np.mean(np.log(white))) / white
@@ -178,4 +178,4 @@ def drawn_noise(dataset, noise, part, rng):
         shocks[1:] *= np.sqrt(1 - kept ** 2)
         rows.append(lfilter([1.0], [1.0, -kept], shocks) + channel.white * rng.standard_normal(n))
     rows = np.array(rows)
-    return sum(weight * take(rows) for weight, _, take in dataset._picks(dataset.view(part)))
+    return sum(weight * take(rows) for weight, _, take in dataset.picks(part))

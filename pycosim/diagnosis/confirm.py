@@ -129,7 +129,7 @@ def frozen(dataset, model):
     -------
     Fit
     """
-    zeros = [n for n in dataset.zeros if n in dataset.free(model)]
+    zeros = [n for n in dataset.zeros if n in dataset.parameters.free(model)]
     return least_squares.fit(dataset, model, free=zeros, part="all")
 
 
@@ -188,7 +188,7 @@ def _falls(dataset, larger, fewer):
     residual, and an effect that lets less of that noise through would seem to predict.
     """
     (model, fit), (reduced, without) = larger, fewer
-    exogenous, free = dataset.exogenous(), dataset.free(reduced)
+    exogenous, free = dataset.exogenous(), dataset.parameters.free(reduced)
     problem = dataset.residuals(reduced, without.free, without.parameters, "all")
     thin = max(1, problem.n // SAMPLES)
     problem = problem.thin(thin)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.noise import contiguous
+from ..data.scatter import noise_level
 from ..fit.least_squares import bounded
 
 LARGEST = 50e6  # bytes of derivatives that rivals are compared by: a longer log is thinned
@@ -56,7 +57,7 @@ def select(dataset, model, fit, noise, usual=None):
     problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
     thin = max(1, int(problem.n * (len(fit.free) + 1) * len(noise) * 8 / LARGEST))
     sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
-    level = dataset.noise_level(model, fit.parameters)[:, ::thin]
+    level = noise_level(dataset, model, fit.parameters)[:, ::thin]
     usual = np.median(level, axis=1, keepdims=True) if usual is None else usual
     if thin > 1:
         problem, sloped = problem.thin(thin), sloped.thin(thin)

@@ -119,7 +119,7 @@ def explanations(dataset, model, fit, problem_index):
     signals = dataset.segment_signals(model, fit.parameters, [f"{c}.{v}" for c in segments for v in ("w", "L", "phi")],
                                       None, dataset.exogenous())
     # what an encoder errs by is in the residual through the acceleration: it must not be in what explains that
-    still = {n: v for angle in dataset.followed for n, v in dataset.motion(angle, CALM).items()}
+    still = {n: v for angle in dataset.motion.followed for n, v in dataset.motion.calm(angle, CALM).items()}
     calm = dataset.segment_signals(model, fit.parameters, [f"{c}.w" for c in segments], None,
                                    {**dataset.exogenous(), **still})
     for component, place in segments.items():

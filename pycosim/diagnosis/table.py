@@ -19,6 +19,7 @@ from ..compile.effects import PARTNER, ports
 from ..data.instruments import rounding
 from ..data.noise import contiguous
 from ..data.residuals import Residuals
+from ..data.torques import of_load
 from ..dynamics.delays import Record
 from ..dynamics.filters import first_order
 from ..dynamics.states import propagate
@@ -187,7 +188,7 @@ class Table:
         self.full = {**d.signals, **d.measured, **d.segment_signals(q, self.fit.parameters, names, None, d.exogenous())}
         self._followed, self._records = {}, {}
         self._kept, self._own = {}, {id(v) for v in (d.time, *self.full.values())}
-        self.takes = [take for _, _, take in d._picks(d.view(self.part))]
+        self.takes = [take for _, _, take in d.picks(self.part)]
 
     def port_signals(self, effect, component, term=None, partner=None, times=(0.0, 0.0)):
         """Signals that an effect reads at a component, at all samples or at those of a term.
@@ -219,7 +220,7 @@ class Table:
             found[AHEAD] = None if now is None else self._ahead(now, *times)
         if HELD in effect_question(self.library, effect).inputs:
             channel = self.dataset.compared(component)
-            found[HELD] = None if channel is None else self._ahead(self.dataset.moved(channel), *times)
+            found[HELD] = None if channel is None else self._ahead(of_load(self.dataset, channel), *times)
         found.update({i: self.full.get(i) for i in effect.inputs})
         if term is None:
             return found
@@ -481,7 +482,7 @@ class Table:
         """
         q = contribution.question
         total, probes = 0.0, additions(self.library, contribution.effect)
-        grid = {**self.dataset.means(contribution.effect, (component,)), **grid}
+        grid = {**self.dataset.parameters.means(contribution.effect, (component,)), **grid}
         times = contribution.times(grid)
         states = self._states(contribution, component, grid, partner)
         for term, response in enumerate(self.responses):

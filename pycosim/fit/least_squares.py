@@ -19,6 +19,7 @@ from ..compile import component_name
 from ..core.errors import NoAnswerError
 from ..data.noise import fit_noise
 from ..data.residuals import huber
+from ..data.scatter import weights as channel_weights
 from .moments import Moments
 
 NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
@@ -251,13 +252,13 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
     Fit
     """
     robust = dataset.study.robust if robust is None else robust
-    variables = dataset.variables(model)
-    parameters = {**{n: v.value for n, v in variables.items()}, **dataset.values(model), **(start or {})}
-    free = dataset.free(model) if free is None else list(free)
+    variables = dataset.parameters.variables(model)
+    parameters = {**{n: v.value for n, v in variables.items()}, **dataset.parameters.values(model), **(start or {})}
+    free = dataset.parameters.free(model) if free is None else list(free)
     problem = dataset.residuals(model, free, parameters, part)
-    weights = dataset.weights()
+    weights = channel_weights(dataset)
     x = np.array([_inside(parameters[n], variables[n]) for n in free])
-    own = dataset.own(model)
+    own = dataset.parameters.own(model)
     phases = [n for n in _phases(model, own) if n in free and n not in (start or {})]
     x = _turned(problem, x, phases, weights, variables)
     skip = max(1, problem.n // most) if most else 1

@@ -73,11 +73,11 @@ def ideal(dataset):
 
 def _ideal(dataset):
     model = compile_model(dataset.library, dataset.study.rig)
-    values = {n: v.value for n, v in dataset.variables(model).items()}
+    values = {n: v.value for n, v in dataset.parameters.variables(model).items()}
     lossless = {f"{c}.{p}": v for c in model.segments for p, v in (("f0", 0.0), ("mu", 1.0)) if f"{c}.{p}" in values}
     if not any(n.endswith(".f0") for n in lossless):
         return None
-    return dataset.segment_signals(model, {**values, **dataset.values(model), **lossless}, dataset.outputs)
+    return dataset.segment_signals(model, {**values, **dataset.parameters.values(model), **lossless}, dataset.outputs)
 
 
 def residual_of(dataset, model, fit, parameters=None, part="all", most=None):

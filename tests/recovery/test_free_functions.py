@@ -95,4 +95,4 @@ def test_a_free_function_of_an_angle_that_stands_still_is_refused_in_one_sentenc
     dataset = Dataset(load_study(STUDY).with_data([path]), LIBRARY)
     monkeypatch.setattr(dataset, "segment_signals", lambda *_: {"s2A.friction.phi": np.ones(3)})
     with pytest.raises(StudyError, match="'angle_friction' at s2A .* does not change in these logs"):
-        dataset.means(catalogue(LIBRARY)["angle_friction"], ("s2A",))
+        dataset.parameters.means(catalogue(LIBRARY)["angle_friction"], ("s2A",))

@@ -106,7 +106,7 @@ def test_every_run_has_its_payload_or_the_phase_of_its_ripple(effect, tmp_path):
 def test_what_cannot_differ_from_run_to_run_is_refused_in_one_sentence(offsets, tmp_path):
     _, (dataset, _) = offsets
     with pytest.raises(StudyError, match="a friction state, a delay or a filter depends on 'presliding_1A.travel'"):
-        Dataset(replace(dataset.study, effects=[("presliding", "1A")], own=["presliding@1A.travel"]), LIBRARY).free(
-            Dataset(replace(dataset.study, effects=[("presliding", "1A")], own=[]), LIBRARY).base)
+        given = Dataset(replace(dataset.study, effects=[("presliding", "1A")], own=["presliding@1A.travel"]), LIBRARY)
+        given.parameters.free(Dataset(replace(dataset.study, effects=[("presliding", "1A")], own=[]), LIBRARY).base)
     with pytest.raises(StudyError, match="'diagnose' does not take into account that torque_offset@motor1.o has"):
         dataset.study.refuse_own("diagnose")

@@ -6,6 +6,7 @@ import pytest
 
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
+from pycosim.data.torques import held_back
 from pycosim.dynamics.delays import Record, undo
 from pycosim.dynamics.filters import first_order
 from pycosim.dynamics.simulate import estimate
@@ -74,7 +75,7 @@ def test_a_torque_that_a_filter_held_back_is_given_back_without_its_noise_growin
     log.to_csv(lagging_study.parent / "log.csv", index=False)
     data = Dataset(load_study(lagging_study), Library())
     model = compile_model(data.library, data.study.rig, [("low_pass", "torque")])
-    values = {**{n: v.value for n, v in data.variables(model).items()}, "low_pass_torque.T": 0.08}
+    values = {**{n: v.value for n, v in data.parameters.variables(model).items()}, "low_pass_torque.T": 0.08}
     given = data.undelayed(data.ask(model), values)["motor.tau"][data.moving]
     off = given - (true + noise)[data.moving]
     bare = (log["tau"] - true - noise)[data.moving]
@@ -88,7 +89,7 @@ def test_a_filter_is_undone_in_every_run_alike(lagging_study):
     log = pd.read_csv(lagging_study.parent / "log.csv")
     log.assign(tau=1.3 * log["tau"]).to_csv(lagging_study.parent / "again.csv", index=False)
     two = Dataset(load_study(lagging_study), Library())
-    alone, both = (data._held_back("motor.tau", 0.08)[0] for data in (one, two))
+    alone, both = (held_back(data, "motor.tau", 0.08)[0] for data in (one, two))
     for part, gain in zip(np.split(both, 2), (1.0, 1.3), strict=True):
         off = (part - gain * alone)[one.moving]
         assert np.sqrt(np.mean(off ** 2)) < 0.05 * np.abs(alone).max()
@@ -100,7 +101,7 @@ def test_the_error_over_a_short_delay_has_one_valley_for_all_the_noise_of_the_re
     log.to_csv(lagging_study.parent / "log.csv", index=False)
     data = Dataset(load_study(lagging_study), Library())
     model = compile_model(data.library, data.study.rig, [("time_delay", "torque")])
-    values = {n: v.value for n, v in data.variables(model).items()}
+    values = {n: v.value for n, v in data.parameters.variables(model).items()}
     slopes = []
     for d in 0.002 * np.arange(1, 12):
         pair = [data.residuals(model, [], {**values, "time_delay_torque.d": x}).residual([]) for x in (d, d + 0.002)]
@@ -111,7 +112,7 @@ def test_the_error_over_a_short_delay_has_one_valley_for_all_the_noise_of_the_re
 def test_the_slope_of_a_residual_by_a_lag_of_the_torque_is_its_difference(lagging_study):
     data = Dataset(load_study(lagging_study), Library())
     model = compile_model(data.library, data.study.rig, [("time_delay", "torque"), ("low_pass", "torque")])
-    values = {**{n: v.value for n, v in data.variables(model).items()}, "low_pass_torque.T": 0.05,
+    values = {**{n: v.value for n, v in data.parameters.variables(model).items()}, "low_pass_torque.T": 0.05,
               "time_delay_torque.d": 0.0}
     free = ["low_pass_torque.T"]
     problem = data.residuals(model, free, values)
@@ -144,8 +145,8 @@ def test_a_filter_of_first_order_settles_on_the_known_answer_and_each_log_starts
 def test_a_reference_that_a_filter_held_back_is_compared_with_a_model_held_back_alike(lagging_study):
     data = Dataset(load_study(lagging_study), Library())
     model = compile_model(data.library, data.study.rig, [("reference_lag", "joint")])
-    values = {**{n: v.value for n, v in data.variables(model).items()}, "reference_lag_joint.T": 0.08}
-    free = [*data.free(data.base), "reference_lag_joint.T"]
+    values = {**{n: v.value for n, v in data.parameters.variables(model).items()}, "reference_lag_joint.T": 0.08}
+    free = [*data.parameters.free(data.base), "reference_lag_joint.T"]
     problem = data.residuals(model, free, values)
     x = np.array([values[n] for n in free])
     slope = np.concatenate([j for _, _, j in problem.blocks(x)], axis=2)

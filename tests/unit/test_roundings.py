@@ -59,7 +59,7 @@ def coarse(tmp_path_factory):
 def left_at_constant_speed(data, fit):
     """Residual and samples where an acceleration is noise alone."""
     left = data.residuals(data.base, fit.free, fit.parameters, "fit").residual(fit.values)[0]
-    smooth = data.motion("motor.phi", 0.2)["der(der(motor.phi))"][data.view("fit")]
+    smooth = data.motion.calm("motor.phi", 0.2)["der(der(motor.phi))"][data.view("fit")]
     steady = np.abs(smooth) < 0.02 * np.abs(smooth).max()
     return left[steady], steady
 

@@ -1,0 +1,127 @@
+"""Measured signals and a model in; the noise of each sample, and what it leaves in the errors of that model, out."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+from scipy.ndimage import median_filter
+
+from ..compile import ArrayFunction
+
+AROUND, OUT = 7, 6.0  # samples whose median one is compared with, and scatters that it must be off to be out of line
+
+
+def weights(dataset):
+    """Weight of each channel in a fit: one over its noise, the same for every model of a data set.
+
+    Parameters
+    ----------
+    dataset : Dataset
+
+    Returns
+    -------
+    ndarray, shape (channels,)
+        Their geometric mean is one.
+    """
+    def make():
+        values = {n: v.value for n, v in dataset.parameters.variables(dataset.base).items()}
+        level = np.median(noise_level(dataset, dataset.base, values), axis=1)
+        return np.exp(np.mean(np.log(level))) / level
+    return dataset.memo("scatter.weights", make)
+
+
+def noise_level(dataset, model, parameters, part="fit"):
+    """Noise that each sample of each channel should show, from the scatter of the signals and the model's response.
+
+    A model that responds less to a noisy torque leaves less noise in its residual without being a better model;
+    rivals are compared after dividing by this level. A sample far out from those around it has noise of that size.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+        With whatever effects are attached.
+    parameters : dict of str to float
+        All of the model's.
+    part : str or ndarray of int
+        As for `Dataset.choose`.
+
+    Returns
+    -------
+    ndarray, shape (channels, n)
+        Standard deviations in the channels' units; one where the signals show no scatter.
+    """
+    view, picks = dataset.view(part), dataset.picks(part)
+    total = np.zeros((len(dataset.outputs), len(picks[0][1])))
+    noisy = [k for k in dataset.known if k in dataset.signals and not k.endswith(".w")]
+    for name, response in responses(dataset, model, parameters, noisy).items():
+        spread = _noisy(dataset, name) if not name.endswith(".phi") else dataset.steps[name] / math.sqrt(12)
+        total += sum(take((response * spread) ** 2) * weight ** 2 for weight, _, take in picks)
+    if not dataset.paired:
+        total += np.array([_noisy(dataset, c)[view] ** 2 for c in dataset.outputs])
+    return np.sqrt(np.where(total > 0, total, 1.0))
+
+
+def responses(dataset, model, parameters, names):
+    """Derivatives of the channels by signals that the model is given, sample by sample.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    parameters : dict of str to float
+    names : list of str
+        Signals; those that the channels do not depend on are left out.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (channels, n)
+    """
+    question = dataset.ask(model).select(dataset.outputs)
+    u, x, p = question.symbols()
+    y = question.output(u, x, p)
+    signals, (states, _) = dataset.undelayed(dataset.ask(model), parameters, dataset.exogenous()), dataset.states(
+        model, parameters)
+    arguments = ([signals.get(n, 0.0) for n in question.inputs] + list(states)
+                 + [float(parameters[n]) for n in question.parameters])
+    found = {}
+    for name in [n for n in names if n in question.inputs]:
+        slope = ca.jacobian(y, u[question.inputs.index(name)])
+        if slope.nnz():
+            found[name] = ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(slope)]))(
+                arguments, len(dataset.time))
+    return found
+
+
+def scatter(dataset, name):
+    """Standard deviation of what changes from sample to sample, within passes, rounding counted.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    name : str
+        A measured signal.
+
+    Returns
+    -------
+    float
+        In the unit of the signal.
+    """
+    def make():
+        third = np.diff(dataset.reference(name), 3)
+        inside = (dataset.passes[3:] >= 0) & (dataset.passes[3:] == dataset.passes[:-3])
+        found = float(1.4826 * np.median(np.abs(third[inside])) / np.sqrt(20)) if inside.any() else 0.0
+        return max(found, dataset.steps.get(name, 0.0) / math.sqrt(12))
+    return dataset.memo(("scatter.scatter", name), make)
+
+
+def _noisy(dataset, name):
+    """Standard deviation of the noise of each sample of a measured signal: its scatter, and how far it is out."""
+    def make():
+        values, usual = dataset.reference(name), scatter(dataset, name)
+        away = values - np.concatenate([median_filter(values[dataset.run == k], AROUND, mode="nearest")
+                                        for k in dict.fromkeys(dataset.run)])
+        return np.hypot(usual, np.where(np.abs(away) > OUT * usual, away, 0.0))
+    return dataset.memo(("scatter.noisy", name), make)
