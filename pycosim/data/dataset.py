@@ -256,7 +256,7 @@ class Dataset:
         return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
                     {n: torques.slope(self, n) for n in question.late if not _is_motion(n)},
                     partial(torques.held_back, self), self._record,
-                    partial(torques.shape, self) if signals is self.signals else None)
+                    partial(torques.calm, self) if signals is self.signals else None)
 
     def _record(self, values):
         """A recorded signal that can be read at other times."""

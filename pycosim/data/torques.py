@@ -9,6 +9,7 @@ import itertools
 
 import numpy as np
 
+from ..dynamics.delays import between
 from ..dynamics.filters import first_order
 from .noise import contiguous
 
@@ -123,26 +124,37 @@ def slope(dataset, name):
     return dataset.memo(("torques.slope", name), make)
 
 
-def shape(dataset, name):
-    """What the motion alone predicts of a signal, well inside the passes.
+def calm(dataset, name, delay, moved):
+    """A measured torque whose noise stays where it is, while what the motion predicts of it is moved by a delay.
+
+    The prediction is made of the record as moved: as recorded, a late torque belongs to no motion where that changes.
 
     Parameters
     ----------
     dataset : Dataset
     name : str
-        Of the signal; zero there for one that is not measured.
+        Of the torque.
+    delay : float
+        [s]
+    moved : ndarray, shape (n,)
+        The record, moved by it.
 
     Returns
     -------
     ndarray, shape (n,)
-        In the signal's unit; NaN where a late torque may jump.
+        In the torque's unit; NaN near the ends of a pass, where a late torque may jump.
     """
-    def make():
-        found, values = np.full(len(dataset.time), np.nan), dataset.exogenous().get(name, np.zeros(len(dataset.time)))
-        for s, _, inside in _passes(dataset):
-            found[s][inside] = values[s][inside]
-        return found
-    return dataset.memo(("torques.shape", name), make)
+    inside = dataset.memo("torques.inside", lambda: _inside(dataset))
+    found = np.where(inside, predicted(dataset, moved, dataset.moving & inside), np.nan)
+    return dataset.signals[name] + found - between(dataset.time, found, dataset.run, -delay)
+
+
+def _inside(dataset):
+    """Samples that lie well inside the passes."""
+    found = np.zeros(len(dataset.time), dtype=bool)
+    for s, _, inside in _passes(dataset):
+        found[s] = inside
+    return found
 
 
 def _passes(dataset):

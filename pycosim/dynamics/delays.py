@@ -41,8 +41,8 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
     record : callable, optional
         Values of another signal to its `Record`, where that is kept from call to call.
     moved : callable, optional
-        Name of a measured torque to what it is without noise, shape (n,), NaN where it may jump: there it is moved as
-        recorded, elsewhere without its noise, which stays where it is. As recorded by default.
+        Name of a measured torque, its delay and its record moved by that, to the torque moved without its noise, which
+        stays where it is, shape (n,); NaN where it may jump: there it is moved as recorded. As recorded by default.
 
     Returns
     -------
@@ -61,12 +61,11 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
             found[name], back = one.at(delay), (lag * slope, slope)
         else:
             near, apart = _nearest(time, run, delay)
-            slope, found[name] = slopes[name][near], signals[name][near]
+            slope = slopes[name][near]
+            found[name] = signals[name][near] + slope * apart
             if moved:
-                smooth = moved(name)
-                calm = signals[name] + smooth[near] - smooth
+                calm = moved(name, delay, found[name])
                 found[name] = np.where(np.isnan(calm), found[name], calm)
-            found[name] = found[name] + slope * apart
             back = [v[near] for v in held(name, lag)] if at_lag in question.inputs else ()
         found[f"at({name})"], found[f"der({name})"] = float(delay), slope
         if at_lag in question.inputs:
@@ -84,6 +83,27 @@ def _nearest(time, run, later):
         near[part] = part[np.searchsorted(edges, own)]
         apart[part] = own - time[near[part]]
     return near, apart
+
+
+def between(time, values, run, later):
+    """Values at later times, log by log, along straight lines; not a number beyond a log's ends.
+
+    Parameters
+    ----------
+    time, values, run : ndarray, shape (n,)
+        Samples [s], the signal there, and the number of the log that each belongs to.
+    later : float
+        [s]
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    found = np.empty(len(time))
+    for k in np.unique(run):
+        own = run == k
+        found[own] = np.interp(time[own] + later, time[own], values[own], np.nan, np.nan)
+    return found
 
 
 class Record:
