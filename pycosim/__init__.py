@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .core.errors import PycosimError as PycosimError
+    from .project import Calibration as Calibration
     from .project import Candidate as Candidate
     from .project import Check as Check
     from .project import Comparison as Comparison
+    from .project import Confirmation as Confirmation
     from .project import Diagnosis as Diagnosis
     from .project import Fitted as Fitted
     from .project import Parameter as Parameter
@@ -25,15 +27,18 @@ if TYPE_CHECKING:
     from .project import ResultError as ResultError
     from .project import Search as Search
     from .project import Step as Step
+    from .project import calibrate as calibrate
     from .project import open_project as open  # noqa: F401
 
 __version__ = "0.1.0"
 
 # name: module that has it, and what it is called there
 _NAMES = {
+    "Calibration": ("project", "Calibration"),
     "Candidate": ("project", "Candidate"),
     "Check": ("project", "Check"),
     "Comparison": ("project", "Comparison"),
+    "Confirmation": ("project", "Confirmation"),
     "Diagnosis": ("project", "Diagnosis"),
     "Fitted": ("project", "Fitted"),
     "Parameter": ("project", "Parameter"),
@@ -43,6 +48,7 @@ _NAMES = {
     "ResultError": ("project", "ResultError"),
     "Search": ("project", "Search"),
     "Step": ("project", "Step"),
+    "calibrate": ("project", "calibrate"),
     "open": ("project", "open_project"),
 }
 __all__ = [*_NAMES, "__version__"]

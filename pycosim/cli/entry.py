@@ -61,7 +61,7 @@ def run_verb(arguments, progress):
     if arguments.verb == "add":
         run.project.places(arguments.effect)  # refused before a log is read
     if arguments.verb == "confirm":
-        verbs.check_confirmation(run, arguments)
+        run.project.confirmable()  # likewise
     if arguments.verb == "export" and arguments.data:
         raise UsageError("export reads no log, its values are the study's; 'pycosim identify STUDY --data FILE' finds "
                          "them")

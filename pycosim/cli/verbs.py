@@ -176,35 +176,10 @@ def _export(run, arguments):
     run.lines += done.lines
 
 
-def check_confirmation(run, arguments):
-    """Refuse to confirm what cannot be: on no new log, on the study's own, or without an effect.
-
-    Parameters
-    ----------
-    run : Run
-    arguments : argparse.Namespace
-
-    Raises
-    ------
-    UsageError, StudyError
-    """
-    from ..diagnosis.confirm import refuse_nothing, refuse_searched
-    from ..study.parse import load_study
-    if not arguments.data:
-        raise UsageError(f"confirm needs a log that was never searched: pycosim confirm {arguments.study} --data FILE")
-    refuse_nothing(run.project.study, run.project.model)
-    refuse_searched(load_study(arguments.study), arguments.data)
-
-
 def _confirm(run, arguments):
-    from ..cosim.replay import before_and_after
-    from ..diagnosis.confirm import confirm
-    dataset = run.project.dataset
-    run.project.study.refuse_own("confirm")
-    found = confirm(dataset, run.project.study.seed, run.progress)
-    result = records.confirmation(found, before_and_after(dataset, run.progress), dataset.units)
-    run.write("confirmation.json", result)
-    run.lines += sentences.summary_confirmation(result)
+    found = run.project.confirm()
+    run.write("confirmation.json", found.to_dict())
+    run.lines += found.sentences
 
 
 def _plan(run, arguments):
@@ -371,30 +346,20 @@ def calibrate(arguments, progress):
     str
         Text for stdout.
     """
-    from ..cosim.calibrate import calibrate as fitted
-    from ..cosim.calibrated import write_calibrated
+    from ..project import calibrate as calibrated
     from ..study.parse import load_study
     start, study = time.monotonic(), load_study(arguments.study)
-    study = study.with_data(arguments.data) if arguments.data else study
     out, fmu = Path(arguments.out or f"{study.name}_identify"), Path(arguments.fmu)
     made = ("parameters.json", "comparison.json", "calibrated.ssv", "calibrated.ssm", "calibrated.ssp",
             f"{fmu.stem}_calibrated.fmu")
     with Folder(out, "identify", study.path, made) as folder:
-        found = fitted(study, fmu, progress)
-        result = records.parameters(found.fit, found, study.seed)
-        folder.write("parameters.json", result)
-        folder.write("comparison.json", records.plain({
-            "schema": records.SCHEMA, "fmu": fmu.name, "derivatives": found.method, "before": found.before,
-            "after": found.after}))
-        for name in write_calibrated(fmu, found, folder.temporary):
-            folder.file(name)
+        found = calibrated(fmu, study, arguments.data or None, progress)
+        folder.write("parameters.json", found.to_dict())
+        folder.write("comparison.json", found.comparison)
+        found.write(folder.temporary)
     if arguments.json:
-        return records.to_json(result)
-    errors = [f"Error of {n} ({kind.replace('_', ' ')} logs): {found.before[kind][n]:.4g} before, {e:.4g} after."
-              for kind, channels in found.after.items() for n, e in channels.items()]
-    took = time.monotonic() - start
-    return "\n".join([*found.notes, *sentences.summary_parameters(result), *errors,
-                      f"Derivatives: {found.method}. Took {took:.1f} s.",
+        return records.to_json(found.record)
+    return "\n".join([*found.sentences, f"Took {time.monotonic() - start:.1f} s.",
                       f"Results in {out}: {', '.join(folder.files)}", ""])
 
 

@@ -13,6 +13,8 @@ import numpy as np
 
 from ..compile import compile_model, component_name
 from ..core.errors import StudyError
+from ..data.frames import Frame
+from ..data.logs import read_log
 from ..data.noise import fit_noise
 from ..fit import least_squares
 from .compare import errors
@@ -65,29 +67,43 @@ class Confirmation:
 # --- what may be asked ------------------------------------------------------------------------------------------------
 
 
-def refuse_searched(study, files):
+def refuse_searched(study, logs):
     """Refuse logs that the study's effects were found on, under their own name or another.
 
     Parameters
     ----------
     study : Study
         As it was found, with its own runs.
-    files : sequence of path
+    logs : sequence of path or Frame
+        Files, or tables in memory.
 
     Raises
     ------
     StudyError
+        One of them is a run of the study, or holds the same.
     """
-    own = [p for p in (*study.runs, *study.held_out) if Path(p).is_file()]
-    for given in map(Path, files):
+    own = [p for p in (*study.runs, *study.held_out) if isinstance(p, Frame) or Path(p).is_file()]
+    for given in (g if isinstance(g, Frame) else Path(g) for g in logs):
         for path in own:
-            if given.resolve() == path.resolve():
+            if given is path or (isinstance(given, Path) and isinstance(path, Path)
+                                 and given.resolve() == path.resolve()):
                 raise StudyError(f"{given}: is one of the logs that {study.path} was made from; an effect is confirmed "
                                  "on a log that was never searched, so record another")
-            if given.is_file() and given.stat().st_size == path.stat().st_size and (
-                    given.read_bytes() == path.read_bytes()):
+            if _alike(given, path, study):
                 raise StudyError(f"{given}: holds the same as {path}, which {study.path} was made from; an effect is "
                                  "confirmed on a log that was never searched, so record another")
+
+
+def _alike(given, known, study):
+    """Whether two logs hold the same: files byte by byte, a table in memory and a file as they are read."""
+    if isinstance(given, Path) and isinstance(known, Path):
+        return given.is_file() and given.stat().st_size == known.stat().st_size and (
+            given.read_bytes() == known.read_bytes())
+    if isinstance(given, Frame) and isinstance(known, Frame):
+        return given.sha256 == known.sha256
+    one, other = (read_log(log, study, strict=False) for log in (given, known))
+    return np.array_equal(one.time, other.time) and all(
+        np.array_equal(values, other.signals.get(name)) for name, values in one.signals.items())
 
 
 def refuse_nothing(study, model):

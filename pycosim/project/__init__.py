@@ -3,7 +3,9 @@
 This is what ``import pycosim`` opens on. Command line, app, demo and benchmarks go through the same door.
 """
 
+from .calibrated import Calibration, calibrate
 from .checked import Check
+from .confirmed import Confirmation
 from .diagnosed import Candidate, Candidates, Diagnosis
 from .fitted import Comparison, Fitted, Parameter, Parameters
 from .planned import Plan
@@ -11,5 +13,5 @@ from .project import Project, open_project
 from .searched import Search, Step
 from .shown import ResultError
 
-__all__ = ["Candidate", "Candidates", "Check", "Comparison", "Diagnosis", "Fitted", "Parameter", "Parameters",
-           "Plan", "Project", "ResultError", "Search", "Step", "open_project"]
+__all__ = ["Calibration", "Candidate", "Candidates", "Check", "Comparison", "Confirmation", "Diagnosis", "Fitted",
+           "Parameter", "Parameters", "Plan", "Project", "ResultError", "Search", "Step", "calibrate", "open_project"]

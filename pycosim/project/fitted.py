@@ -21,6 +21,7 @@ from ..diagnosis.table import Table
 from ..fit import draws, least_squares
 from ..report import plots, records, sentences
 from ..study.schema import Study
+from .confirmed import Confirmation, refuse
 from .diagnosed import Candidate, Diagnosis
 from .planned import Plan
 from .progress import finish
@@ -467,6 +468,27 @@ class Fitted(Recorded):
             raise StudyError(f"{study.path}: '{name}' cannot be fitted at any place of {study.rig} on these data")
         finish(self.project.say)
         return Fitted(self.project, made.step.model, made.step.fit, tuple(sentences.summary_addition(made)), made.step)
+
+    def confirm(self, data: Any) -> Confirmation:
+        """Whether the model's effects, with the fitted values, hold on a log that was never searched.
+
+        Parameters
+        ----------
+        data : path, pandas.DataFrame, list of these, or dict of str to pandas.DataFrame
+            The new logs; see `Project.confirm`.
+
+        Returns
+        -------
+        Confirmation
+
+        Raises
+        ------
+        StudyError, DataError
+            As of `Project.confirm`.
+        """
+        new = replace(self.project, study=self.study, model=self.model).with_data(data)
+        refuse(new, self.study)
+        return Confirmation.made(new)
 
     def plan(self, goal: str = "parameters", budget: float = 120.0, rate: float = 100.0,
              criterion: str = "intervals", between: Sequence[str] | None = None) -> Plan:

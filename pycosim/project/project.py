@@ -28,6 +28,7 @@ from ..study.parse import load_study
 from ..study.schema import Study
 from ..study.write import write_study
 from .checked import Check
+from .confirmed import Confirmation, refuse
 from .diagnosed import Diagnosis
 from .fitted import Comparison, Fitted
 from .planned import Plan
@@ -84,15 +85,27 @@ def open_project(study: AnyPath | Study, data: Data | None = None, progress: Say
     """
     given: Study = study if isinstance(study, Study) else load_study(study)
     if data is not None:
-        given = _with(given, data)
+        given = on_data(given, data)
     if robust:
         given = replace(given, robust=True)
     library = shared_library(given.modelica)
     return Project(given, library, given.validate(library), progress or usual())
 
 
-def _with(study: Study, data: Data) -> Study:
-    """A study on other logs."""
+def on_data(study: Study, data: Data) -> Study:
+    """A study on other logs.
+
+    Parameters
+    ----------
+    study : Study
+        What it says of columns, parameters and effects stays.
+    data : path, pandas.DataFrame, list of these, or dict of str to pandas.DataFrame
+        Instead of all its logs; keys of a dict name the runs. A table is copied, and does not follow later changes.
+
+    Returns
+    -------
+    Study
+    """
     if isinstance(data, Mapping):
         items: list[Any] = [Frame(name, frame) for name, frame in data.items()]
     elif isinstance(data, (str, os.PathLike, pd.DataFrame)):
@@ -214,7 +227,7 @@ class Project(Shown):
         -------
         Project
         """
-        return replace(self, study=_with(self.study, data))
+        return replace(self, study=on_data(self.study, data))
 
     # ---- what it does
 
@@ -342,6 +355,43 @@ class Project(Shown):
         made = Search(self, search.improve(dataset, self.model, self.study.seed, self.saying()))
         finish(self.say)
         return made
+
+    def confirm(self, data: Data | None = None) -> Confirmation:
+        """Whether the study's effects, frozen, hold on a log that was never searched; nothing is fitted to it.
+
+        Parameters
+        ----------
+        data : path, pandas.DataFrame, list of these, or dict of str to pandas.DataFrame, optional
+            The new logs; by default those that the project was opened with instead of the study's own.
+
+        Returns
+        -------
+        Confirmation
+
+        Raises
+        ------
+        StudyError
+            There is no new log, or a log is one that the effects were found on, under whatever name; or the study
+            claims no effect.
+        DataError
+            A log cannot be used, or has a mistake of wiring or units.
+        """
+        if data is None:
+            refuse(self)
+            return Confirmation.made(self)
+        new, unsaved = self.with_data(data), not self.study.path.is_file()
+        refuse(new, *([self.study] if unsaved else []))
+        return Confirmation.made(new)
+
+    def confirmable(self) -> None:
+        """Refuse what `confirm` would refuse, before a log is read.
+
+        Raises
+        ------
+        StudyError
+            There is no new log, or nothing that it could confirm.
+        """
+        refuse(self)
 
     def places(self, effect: str) -> tuple[str, list[str]]:
         """Where an effect can still be added.

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.errors import PycosimError, UnknownNameError, closest
 from ..diagnosis.dependence import noise_floor
-from . import drawings, figures, plan_figures
+from . import confirm_figures, drawings, figures, plan_figures
 
 DOTS = 150  # an inch, in a notebook
 
@@ -214,6 +214,50 @@ class DiagnosisPlots:
         """
         return handed(drawings.unexplained(self._samples(), self._found.unexplained),
                       f"the verdict is {self._found.verdict}, and no map of what is left was made")
+
+
+class ConfirmationPlots:
+    """Plots of a confirmation.
+
+    Parameters
+    ----------
+    record : dict
+        ``confirmation.json``.
+    """
+
+    def __init__(self, record: dict[str, Any]):
+        self._record = record
+
+    def errors(self) -> Any:
+        """The error that each effect leaves on the new log, and whether it is confirmed; see `confirm_figures.errors`.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        return handed(confirm_figures.errors(self._record))
+
+
+class CalibrationPlots:
+    """Plots of a calibrated FMU.
+
+    Parameters
+    ----------
+    record : dict
+        ``parameters.json``.
+    """
+
+    def __init__(self, record: dict[str, Any]):
+        self._record = record
+
+    def intervals(self) -> Any:
+        """Parameters with their 95 % intervals; see `drawings.intervals`.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        return handed(drawings.intervals(self._record))
 
 
 class SearchPlots:

@@ -659,6 +659,23 @@ def summary_confirmation(result):
     return lines
 
 
+def summary_calibration(result):
+    """What was left open of an FMU, its parameters with intervals, and its errors before and after.
+
+    Parameters
+    ----------
+    result : dict
+        ``parameters.json`` of an FMU.
+
+    Returns
+    -------
+    list of str
+    """
+    errors = [f"Error of {n} ({kind.replace('_', ' ')} logs): {result['before'][kind][n]:.4g} before, {e:.4g} after."
+              for kind, channels in result["after"].items() for n, e in channels.items()]
+    return [*result["notes"], *summary_parameters(result), *errors, f"Derivatives: {result['derivatives']}."]
+
+
 def summary_comparison(result, most=3):
     """Errors, and the groups of samples where they are largest.
 

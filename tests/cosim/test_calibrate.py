@@ -5,11 +5,14 @@ import zipfile
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from fmpy import read_model_description
 from fmpy.ssp.ssd import read_ssd
 from fmpy.validation import validate_fmu
+from matplotlib.axes import Axes
 
+import pycosim as pc
 from benchmarks.engines.foreign import MACHINES, c_fmu
 from pycosim.cli.entry import main
 from pycosim.core.errors import CosimulationError, DataError, StudyError
@@ -98,6 +101,7 @@ def test_the_command_line_leaves_sets_system_and_an_fmu_that_starts_there(made, 
         result = json.loads((out / "parameters.json").read_text())
         assert result["parameters"]["mass"]["ci95"][0] < 1.3 < result["parameters"]["mass"]["ci95"][1]
         errors = json.loads((out / "comparison.json").read_text())
+        assert pc.Calibration.load(out / "parameters.json").comparison == errors
         assert errors["after"]["fit"]["y"] < 0.2 * errors["before"]["fit"]["y"]
         new = out / f"{path.stem}_calibrated.fmu"
         assert not validate_fmu(str(new))
@@ -113,6 +117,57 @@ def test_the_command_line_leaves_sets_system_and_an_fmu_that_starts_there(made, 
             assert archive.read("resources/calibrated.ssv") == (out / "calibrated.ssv").read_bytes()
             assert archive.read(f"resources/{path.name}") == path.read_bytes()
         assert 'target="model.mass"' in (out / "calibrated.ssm").read_text()
+
+
+@pytest.fixture(scope="module")
+def calibrated(made, tmp_path_factory):
+    """What the front door gives of the spring, and the study and FMU that it was given."""
+    folder = tmp_path_factory.mktemp("door")
+    path, other = made("spring", 2, "cs", False), folder / "other"
+    other.mkdir()
+    held_out = study(other, made("spring", 2, "cs", False), TRUTH, [], name="held").runs
+    given = replace(study(folder, path, TRUTH, []), held_out=held_out)
+    return pc.calibrate(path, given), given, path
+
+
+def test_python_gives_an_object_that_its_file_gives_back(calibrated, tmp_path):
+    found, given, path = calibrated
+    assert found.params["mass"].ci95[0] < 1.3 < found.params["mass"].ci95[1] and set(found.params) == set(TRUTH)
+    assert found.after["fit"]["y"] < 0.2 * found.before["fit"]["y"] and list(found.errors().logs) == ["fit", "held_out"]
+    assert repr(found).startswith("<Calibration: spring2cs.fmu, 3 parameters; error y ") and found.record["notes"]
+    again = pc.Calibration.load(found.save(tmp_path / "parameters.json"))
+    assert again.record == found.record and again.comparison == found.comparison and again.params == found.params
+    assert repr(again) == repr(found) and again._repr_html_() == found._repr_html_()
+    assert again.sentences == found.sentences and isinstance(again.plot.intervals(), Axes)
+    pd.testing.assert_frame_equal(again.to_frame(), found.to_frame())
+    pd.testing.assert_frame_equal(again.errors(), found.errors())
+    with pytest.raises(pc.ResultError, match="holds no log and no fitted model"):
+        again.export(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_table_in_memory_is_its_log_and_its_files_are_left_where_they_are_asked_for(calibrated, tmp_path):
+    found, given, path = calibrated
+    table = pd.read_csv(given.runs[0])
+    assert pc.calibrate(path, given, table).params == found.params
+    files = found.export(tmp_path / "out")
+    assert {p.name for p in files} == {"calibrated.ssv", "calibrated.ssm", "calibrated.ssp", "spring2cs_calibrated.fmu"}
+    assert all(p.is_file() for p in files)
+    again = pc.calibrate(tmp_path / "out" / "spring2cs_calibrated.fmu", given)
+    assert again.before["fit"]["y"] == pytest.approx(found.after["fit"]["y"], rel=1e-6)
+
+
+def test_what_is_no_calibration_is_refused_in_a_sentence(calibrated, tmp_path):
+    record = calibrated[0].to_dict()
+    for content, why in (({**record, "before": {}}, "something in it is missing"), ({"schema": 1}, "is no parameters"),
+                         ({k: v for k, v in record.items() if k != "fmu"}, "it is a parameters.json, which "
+                                                                           "pycosim.Fitted.load reads")):
+        (tmp_path / "x.json").write_text(json.dumps(content))
+        with pytest.raises(pc.ResultError, match=why) as said:
+            pc.Calibration.load(tmp_path / "x.json")
+        assert "\n" not in str(said.value)
+    with pytest.raises(pc.PycosimError, match="no.fmu"):
+        pc.calibrate(tmp_path / "no.fmu", calibrated[1])
 
 
 def test_held_out_logs_are_compared_and_not_fitted(made, tmp_path):

@@ -5,9 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from matplotlib.axes import Axes
 from scipy.stats import kstest
 
+import pycosim as pc
 from benchmarks.hidden_effects.machine import PAPER, Effect, measure, six_manoeuvres, write_csv
 from pycosim.cli.entry import main
 from pycosim.compile import Library, compile_model
@@ -122,3 +125,69 @@ def test_the_verb_leaves_its_file_and_refuses_what_it_cannot_answer(library, tmp
                        (["empty.toml", "--data", "new.csv"], "has no size")):
         assert main(["confirm", *line, "--out", "refused"]) == 2
         assert what in capsys.readouterr().err and not (tmp_path / "refused").exists()
+
+
+@pytest.fixture(scope="module")
+def told(library, tmp_path_factory):
+    """A study whose effect is true, the log it was made from, a new one, and what Python says of that."""
+    folder = tmp_path_factory.mktemp("told")
+    old, new = log(folder / "old.csv", 0.03, 1), log(folder / "new.csv", 0.03, 2)
+    write_study(claim(0.03).with_data([old]), folder / "found.toml")
+    return folder, old, new, pc.open(folder / "found.toml", data=new).confirm()
+
+
+def test_python_gives_an_object_that_its_file_gives_back(told, tmp_path):
+    folder, _, new, found = told
+    assert found.confirmed == {"viscous@1A": True} and "is confirmed" in repr(found)
+    frame = found.to_frame()
+    assert frame.error_with_C_H["viscous@1A"] < 0.7 * frame.error_without_C_H["viscous@1A"] and frame.units.min() >= 7
+    again = pc.Confirmation.load(found.save(tmp_path / "confirmation.json"))
+    assert again.record == found.record and repr(again) == repr(found) and again.sentences == found.sentences
+    assert again._repr_html_() == found._repr_html_() and again.replay == found.replay and found.replay["why"] is None
+    assert isinstance(again.plot.errors(), Axes)
+    pd.testing.assert_frame_equal(again.to_frame(), frame)
+    assert pc.open(folder / "found.toml").confirm(new).record == found.record
+
+
+def test_the_command_line_leaves_what_python_does(told, tmp_path):
+    folder, _, new, found = told
+    out = tmp_path / "out"
+    assert main(["confirm", str(folder / "found.toml"), "--data", str(new), "--quiet", "--out", str(out)]) == 0
+    assert pc.Confirmation.load(out / "confirmation.json").record == found.record
+
+
+def test_python_refuses_what_was_searched_in_whatever_form_it_comes(told):
+    folder, old, new, _ = told
+    project = pc.open(folder / "found.toml")
+    table = pd.read_csv(old)
+    unsaved = pc.open(replace(load_study(folder / "found.toml"), path=folder / "no.toml"), data={"a": table})
+    for asked in (lambda: project.confirm(old), lambda: project.confirm(table), lambda: project.confirm([new, table]),
+                  lambda: unsaved.confirm({"b": table.copy()}), unsaved.confirm):
+        with pytest.raises(pc.PycosimError, match="never searched"):
+            asked()
+    with pytest.raises(pc.PycosimError, match=r'found.toml: confirm needs a log .* project.confirm\("FILE"\)'):
+        project.confirm()
+    with pytest.raises(pc.PycosimError, match="has no effects to confirm"):
+        pc.open(STUDY, data=old).confirm(new)
+
+
+def test_a_fitted_model_is_confirmed_with_its_own_values(told):
+    folder, old, new, _ = told
+    fitted = pc.open(replace(load_study(folder / "found.toml"), effects=[], parameters={
+        n: s for n, s in load_study(folder / "found.toml").parameters.items() if "viscous" not in n})).fit()
+    found = fitted.add("viscous@1A").confirm(new)
+    assert found.confirmed == {"viscous@1A": True}
+    with pytest.raises(pc.PycosimError, match="is one of the logs that"):
+        fitted.add("viscous@1A").confirm(old)
+
+
+def test_what_is_no_confirmation_is_refused_in_a_sentence(told, tmp_path):
+    record = told[3].to_dict()
+    for content, why in (({**record, "effects": [{}]}, "something in it is missing"), ({"schema": 1}, "is no conf"),
+                         ({**record, "schema": 99}, "has schema 99")):
+        (tmp_path / "x.json").write_text(json.dumps(content))
+        with pytest.raises(pc.ResultError, match=why) as said:
+            pc.Confirmation.load(tmp_path / "x.json")
+        assert "\n" not in str(said.value)
+    with pytest.raises(pc.ResultError, match="pycosim.Confirmation.load reads"):
+        pc.Diagnosis.load(told[3].save(tmp_path / "y.json"))
