@@ -22,6 +22,7 @@ class Gathered:
     Attributes
     ----------
     path : Path
+        The file, for the words of an error.
     clock : str
         Column of the time.
     to_seconds : callable
@@ -61,6 +62,7 @@ class Gathered:
         Parameters
         ----------
         table : Table
+            Rows that follow those taken in before.
         """
         names = [*self.numbers, *([self.text] if self.text in table.columns else [])]
         if self.span is not None:

@@ -27,7 +27,9 @@ class Dataset:
     Parameters
     ----------
     study : Study
+        Names the logs, says what their columns are, and which reference the torques are compared with.
     library : Library
+        Holds the study's rig and its effects.
     logs : list of Log, optional
         Already read; else the study's files are read.
 
@@ -36,12 +38,15 @@ class Dataset:
     channels : list of str
         Names of the errors: ``C_H``, or ``C_H_pair`` when no reference was measured.
     paired : bool
+        Whether half differences between ways out and back are compared, because no reference was measured.
     time, run : ndarray, shape (n,)
+        Time of each sample [s], and the number of its log; all logs one after the other.
     signals : dict of str to ndarray, shape (n,)
         Inputs of the model's question.
     measured : dict of str to ndarray, shape (n,)
         Everything measured, by model variable.
     moving : ndarray of bool, shape (n,)
+        Samples in which every segment slides: those that are compared.
     speed_unit : str
         Of the segments' speeds.
     w_min : float
@@ -49,6 +54,7 @@ class Dataset:
     block : ndarray of int, shape (n,)
         Block of each sample.
     is_test : ndarray of bool, shape (blocks,)
+        Blocks that are held out, and never fitted.
     by_run : bool
         Whether folds are whole logs: those are then what is independent, not the blocks of one.
     motion : Motion
@@ -111,6 +117,7 @@ class Dataset:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
 
         Returns
         -------
@@ -173,7 +180,9 @@ class Dataset:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
         parameters : dict of str to float
+            All of the model's, SI units.
         names : list of str
             Those that are no outputs are left out.
         states : ndarray, shape (states, n), optional
@@ -205,7 +214,9 @@ class Dataset:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
         parameters : dict of str to float
+            All of the model's, SI units.
         free : sequence of str
             Parameters whose sensitivities are wanted.
 
@@ -239,7 +250,9 @@ class Dataset:
         Parameters
         ----------
         question : Question
+            That the model is asked; its `late` names the signals that it delays.
         parameters : dict of str to float
+            All of the model's, SI units.
         signals : dict of str to ndarray, shape (n,), optional
             Instead of those recorded, as `exogenous` gives them.
 
@@ -289,7 +302,9 @@ class Dataset:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
         parameters : dict of str to float
+            All of the model's, SI units.
 
         Returns
         -------
@@ -414,6 +429,7 @@ class Dataset:
         Parameters
         ----------
         part : str or sequence of int
+            ``"fit"``, ``"test"``, ``"all"``, or numbers of blocks.
 
         Returns
         -------
@@ -456,6 +472,7 @@ class Dataset:
         Parameters
         ----------
         part : str or ndarray of int
+            ``"fit"``, ``"test"``, ``"all"``, or numbers of blocks.
         thin : int
             Of the part's samples, and of the others, every so many.
 
@@ -479,6 +496,7 @@ class Dataset:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
         free : list of str
             Parameters to differentiate by.
         parameters : dict of str to float
@@ -522,7 +540,9 @@ class Dataset:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
         parameters : dict of str to float
+            All of the model's, SI units.
 
         Returns
         -------
@@ -542,6 +562,7 @@ class Dataset:
         Parameters
         ----------
         component : str
+            Of the rig, as ``joint``.
 
         Returns
         -------

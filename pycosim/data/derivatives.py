@@ -41,6 +41,7 @@ def resolution(values):
     Parameters
     ----------
     values : ndarray, shape (n,)
+        One signal in the order of time, in any unit.
 
     Returns
     -------

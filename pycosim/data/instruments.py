@@ -37,6 +37,7 @@ def step(values):
     Parameters
     ----------
     values : ndarray, shape (n,)
+        One signal of all logs, in its unit.
 
     Returns
     -------
@@ -83,6 +84,7 @@ def rounded(values, quantum, dither, rng):
     dither : float
         Standard deviation of the noise before the rounding.
     rng : numpy.random.Generator
+        Draws the instrument's zero, and the noise before the rounding.
 
     Returns
     -------
@@ -106,8 +108,11 @@ def rounding(dataset, model, fit, part="fit"):
     Parameters
     ----------
     dataset : Dataset
+        Its measured signals are looked at for steps.
     model : Model
+        That was fitted.
     fit : Fit
+        Its parameters say how the model passes errors of its inputs on.
     part : str or ndarray of int
         As for `Dataset.choose`.
 

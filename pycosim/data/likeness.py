@@ -53,7 +53,9 @@ def stated(seen, name):
     Parameters
     ----------
     seen : Look
+        Head of the log, with the row below its header.
     name : str
+        Of the column, as the log's header has it.
 
     Returns
     -------
@@ -69,6 +71,7 @@ def words(name):
     Parameters
     ----------
     name : str
+        Of the column, as the log's header has it.
 
     Returns
     -------
@@ -89,6 +92,7 @@ def likeness(name, told, variable, unit, model):
     Parameters
     ----------
     name : str
+        Of the column, as the log's header has it.
     told : str or None
         Unit that the column states.
     variable, unit : str

@@ -105,6 +105,7 @@ class Noise:
         Parameters
         ----------
         width : int
+            Samples of one mean.
 
         Returns
         -------
@@ -118,6 +119,7 @@ class Noise:
         Parameters
         ----------
         chain : Chain
+            Time between neighbouring samples, and where the noise starts anew.
 
         Returns
         -------
@@ -134,7 +136,9 @@ class Noise:
         Parameters
         ----------
         values : ndarray, shape (.., n)
+            In the channel's unit.
         chain : Chain
+            Time between neighbouring samples, and where the noise starts anew.
 
         Returns
         -------
@@ -151,7 +155,9 @@ class Noise:
         Parameters
         ----------
         values : ndarray, shape (n,)
+            In the channel's unit; any number of rows.
         chain : Chain
+            Time between neighbouring samples, and where the noise starts anew.
 
         Returns
         -------
@@ -170,7 +176,9 @@ class Noise:
         Parameters
         ----------
         rows : ndarray, shape (p, n)
+            Weights of the samples, one sum a row.
         chain : Chain
+            Time between neighbouring samples, and where the noise starts anew.
 
         Returns
         -------
@@ -238,9 +246,11 @@ def chained(time, group, linked, lags=None, colour=1.0):
     time : ndarray, shape (n,)
         [s]
     group : ndarray, shape (n,)
+        Pass of each sample, or what else tells unrelated records apart.
     linked : bool
         Whether the noise goes on from one group to the next where time does.
     lags : ndarray, shape (n,), optional
+        Of half differences, the time between both samples [s].
     colour : float
         As of `Chain`.
 
@@ -267,7 +277,9 @@ def fit_noise(residual, chain, absorbed=None, start=None):
     Parameters
     ----------
     residual : ndarray, shape (n,)
+        Of one channel, in its unit.
     chain : Chain
+        Time between neighbouring samples, and where the noise starts anew.
     absorbed : ndarray, shape (p, n), optional
         Derivatives by the fitted parameters, orthonormal or zero: what the fit took out of the noise is put back.
     start : Noise, optional
@@ -382,7 +394,9 @@ def contiguous(time, group):
     Parameters
     ----------
     time : ndarray, shape (n,)
+        [s]
     group : ndarray, shape (n,)
+        Pass of each sample.
 
     Returns
     -------

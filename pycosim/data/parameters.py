@@ -31,6 +31,7 @@ class Parameters:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
 
         Returns
         -------
@@ -62,6 +63,7 @@ class Parameters:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
 
         Returns
         -------
@@ -104,6 +106,7 @@ class Parameters:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
         names : list of str
             Parameters that are wanted.
         values : dict of str to float
@@ -129,6 +132,7 @@ class Parameters:
         Parameters
         ----------
         effect : Effect
+            Its `means` say which of its parameters stand for something of the logs.
         components : sequence of str
             Where it hangs.
 
@@ -171,6 +175,7 @@ class Parameters:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
 
         Returns
         -------
@@ -185,6 +190,7 @@ class Parameters:
         Parameters
         ----------
         model : Model
+            Of the study's rig, with whatever effects are attached.
 
         Returns
         -------

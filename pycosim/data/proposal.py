@@ -88,6 +88,7 @@ class Given:
         Parameters
         ----------
         name : str
+            Of the column, as the log's header has it.
         **settings
             Keys of a column of a study.
 
@@ -105,6 +106,7 @@ class Sample:
     Attributes
     ----------
     look : Look
+        Its head: columns, stated units, layout.
     rows : int
         Of data in the file.
     columns : dict of str to ndarray, shape (n,)
@@ -123,7 +125,9 @@ class Proposal:
     Attributes
     ----------
     sample : Sample
+        The log, looked at.
     rig : str
+        Full name of the class that the columns are to serve.
     columns : dict of str to Column
         By the column's name; those whose unit is not known have it as an empty text.
     time : str or None
@@ -187,6 +191,7 @@ def sampled(path):
     Parameters
     ----------
     path : path
+        Of the log, in any format that is read.
 
     Returns
     -------
@@ -195,6 +200,7 @@ def sampled(path):
     Raises
     ------
     DataError
+        It is not there, or cannot be read as a table.
     """
     seen = look(path)
     rows, tables = read_parts(seen.path, seen.reader, set(seen.numeric), "", seen.layout)
@@ -207,6 +213,7 @@ def wanted(model):
     Parameters
     ----------
     model : Model
+        The rig, without effects.
 
     Returns
     -------
@@ -234,6 +241,7 @@ def ratings(model):
     Parameters
     ----------
     model : Model
+        The rig, without effects.
 
     Returns
     -------
@@ -250,7 +258,9 @@ def with_rating(given, model, name, value, unit=""):
     Parameters
     ----------
     given : Given
+        What was said before.
     model : Model
+        The rig, without effects.
     name : str
         As ``motor1.tau``; ``tau`` alone is that of every motor.
     value : float
@@ -286,6 +296,7 @@ def propose(sample, model, given=Given()):
     Parameters
     ----------
     sample : Sample
+        Head and first rows of a log.
     model : Model
         The rig.
     given : Given
@@ -318,6 +329,7 @@ def rig_of(sample, models):
     Parameters
     ----------
     sample : Sample
+        Head and first rows of a log.
     models : dict of str to Model
         By the rig's name.
 
@@ -343,7 +355,9 @@ def answered(proposal, given, question, text):
     proposal : Proposal
         That asked.
     given : Given
+        What was said before.
     question : Question
+        Says what the answer is about.
     text : str
         One of its answers, or a number.
 

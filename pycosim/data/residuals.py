@@ -82,9 +82,11 @@ class Residuals:
     Parameters
     ----------
     question : Question
+        That the model is asked; with the channels among its outputs.
     channels : list of str
         Outputs of the question that are compared.
     measured : ndarray, shape (channels, n)
+        In the channels' units; zero where the error itself is modelled.
     terms : callable
         ``terms(parameters, free) -> list of Term``: the samples, with friction states for these parameters.
     free : list of str
@@ -168,6 +170,7 @@ class Residuals:
         Parameters
         ----------
         k : int
+            1 leaves all samples.
 
         Returns
         -------
@@ -206,6 +209,7 @@ class Residuals:
         Yields
         ------
         slice, ndarray of shape (channels, m), ndarray of shape (channels, free, m)
+            Samples, their residual and its derivative by the free parameters, in the channels' units.
         """
         parameters = {**self.parameters, **dict(zip(self.free, x))}
         terms, held = self.terms(parameters, self.of_states), self._behind(parameters)
@@ -256,6 +260,7 @@ class Residuals:
         x : sequence of float
             Values of the free parameters.
         some : slice or ndarray of int
+            Samples that are wanted; all by default.
 
         Returns
         -------
@@ -279,6 +284,7 @@ class Residuals:
         Parameters
         ----------
         x : sequence of float
+            Values of the free parameters, in their order.
         weights : sequence of float
             One a channel.
         robust : bool
@@ -306,6 +312,7 @@ def huber(residual):
     Parameters
     ----------
     residual : ndarray, shape (channels, n)
+        Measured minus modelled, in the channels' units.
 
     Returns
     -------
@@ -328,6 +335,7 @@ def held(dataset, question, index):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are what is compared.
     question : Question
         That the model is asked; its `held` names the channels.
     index : ndarray of int, shape (n,)
@@ -351,6 +359,7 @@ def evaluated(dataset, model, picks, signals):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are what is compared.
     model : Model
         With whatever effects are attached.
     picks : list of (float, ndarray of int, callable)

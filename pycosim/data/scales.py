@@ -32,6 +32,7 @@ class Sizes:
     speed : float
         [rad/s] or [m/s].
     linear : bool
+        Whether the motors are linear axes, of N and m instead of N.m and rad.
     """
 
     torque: float = 1.0
@@ -48,6 +49,7 @@ class Sizes:
         torques, angles, speeds : sequence of ndarray, shape (n,)
             One a motor or segment; nothing where the log has none.
         linear : bool
+            Whether the motors are linear axes, of N and m instead of N.m and rad.
 
         Returns
         -------
@@ -69,6 +71,7 @@ class Sizes:
         Parameters
         ----------
         effect : Effect
+            Its coefficients' nominal values and bounds are those of the library.
         variables : dict of str to Variable
             By coefficient, as the effect's file declares them.
 

@@ -19,6 +19,7 @@ def weights(dataset):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are measured; the noise of each signal is read off them.
 
     Returns
     -------
@@ -41,6 +42,7 @@ def noise_level(dataset, model, parameters, part="fit"):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are measured; the noise of each signal is read off them.
     model : Model
         With whatever effects are attached.
     parameters : dict of str to float
@@ -70,8 +72,11 @@ def responses(dataset, model, parameters, names):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are measured; the noise of each signal is read off them.
     model : Model
+        Of the study's rig, with whatever effects are attached.
     parameters : dict of str to float
+        All of the model's, SI units.
     names : list of str
         Signals; those that the channels do not depend on are left out.
 
@@ -101,6 +106,7 @@ def scatter(dataset, name):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are measured; the noise of each signal is read off them.
     name : str
         A measured signal.
 

@@ -142,6 +142,7 @@ def moving(speeds, w_min, run=None):
     w_min : float or ndarray, shape (m,)
         In the same units.
     run : ndarray of int, shape (n,), optional
+        Number of the log that each sample belongs to; all of one by default.
 
     Returns
     -------
@@ -178,7 +179,9 @@ def passes(time, speeds, moving, run=None):
     speeds : ndarray, shape (m, n)
         [rad/s]
     moving : ndarray of bool, shape (n,)
+        As of `moving`.
     run : ndarray of int, shape (n,), optional
+        Number of the log that each sample belongs to; all of one by default.
 
     Returns
     -------
@@ -320,6 +323,7 @@ class Blocks:
         Parameters
         ----------
         mask : ndarray of bool, shape (b,)
+            True for the blocks that are wanted.
 
         Returns
         -------
@@ -333,6 +337,7 @@ class Blocks:
         Parameters
         ----------
         mask : ndarray of bool, shape (b,)
+            True for the blocks that are wanted.
 
         Returns
         -------
@@ -358,6 +363,7 @@ def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
     speeds : ndarray, shape (m, n)
         Speeds of all segments [rad/s].
     run : ndarray of int, shape (n,), optional
+        Number of the log that each sample belongs to; all of one by default.
     tolerance : float, optional
         Distance [rad] within which two lines are one; default 2 % of the travelled region.
 
@@ -498,7 +504,9 @@ def split(blocks, n_runs, held_out_runs=()):
     Parameters
     ----------
     blocks : Blocks
+        Of all runs.
     n_runs : int
+        Logs, also those without a block.
     held_out_runs : sequence of int
         Runs that the study holds out.
 
@@ -578,6 +586,7 @@ class Pairs:
         Parameters
         ----------
         values : ndarray, shape (.., n)
+            At every sample, the last axis in the order of time.
 
         Returns
         -------
@@ -618,7 +627,9 @@ def pairs(config, pass_id, run=None, tolerance=None, block=None):
     config : ndarray, shape (d, n)
         Independent angles [rad].
     pass_id : ndarray of int, shape (n,)
+        As of `passes`; -1 where nothing moves.
     run : ndarray of int, shape (n,), optional
+        Number of the log that each sample belongs to; all of one by default.
     tolerance : float, optional
         Distance [rad] of the crossing; default 0.5 % of the travelled region.
     block : ndarray of int, shape (n,), optional

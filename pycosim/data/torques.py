@@ -66,6 +66,7 @@ def held_back(dataset, name, lag):
     Parameters
     ----------
     dataset : Dataset
+        Arranged: its passes and moving samples are known.
     name : str
         Of the measured torque.
     lag : float
@@ -107,6 +108,7 @@ def slope(dataset, name):
     Parameters
     ----------
     dataset : Dataset
+        Arranged: its passes and moving samples are known.
     name : str
         Of the signal; zero everywhere for one that is not measured.
 
@@ -132,6 +134,7 @@ def calm(dataset, name, delay, moved):
     Parameters
     ----------
     dataset : Dataset
+        Arranged: its passes and moving samples are known.
     name : str
         Of the torque.
     delay : float
@@ -172,6 +175,7 @@ def of_load(dataset, channel):
     Parameters
     ----------
     dataset : Dataset
+        Arranged: its passes and moving samples are known.
     channel : str
         Output of the question that was measured.
 

@@ -31,6 +31,7 @@ def building_up(miss, longer, moving, passes, time, errors, columns):
     miss, longer : ndarray, shape (segments, n)
         Friction states short of their limits, for the model's own travel and for one that is `LONGER` times that.
     moving : ndarray of bool, shape (n,)
+        Samples in which every segment is faster than the least speed.
     passes : ndarray of int, shape (n,)
         -1 where nothing moves.
     time : ndarray, shape (n,)
@@ -80,6 +81,7 @@ def of_travel(dataset, parameters, moving):
     parameters : dict of str to float
         Of the base model, `travel` [rad] or [m] among them.
     moving : ndarray of bool, shape (n,)
+        Samples in which every segment is faster than the least speed.
 
     Returns
     -------
@@ -118,6 +120,7 @@ def without_ends(dataset, moving, angles):
     dataset : Dataset
         Its passes are known.
     moving : ndarray of bool, shape (n,)
+        Samples in which every segment is faster than the least speed.
     angles : list of ndarray, shape (n,)
         As recorded [rad], positions [m].
 

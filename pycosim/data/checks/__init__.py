@@ -38,10 +38,13 @@ def check(study, library, model, logs):
     Parameters
     ----------
     study : Study
+        With its columns, limits, and the kinds of finding that it has answered (``accept``).
     library : Library
+        Holds the study's rig.
     model : Model
         Of the study, its effects attached.
     logs : list of Log
+        As recorded; none of them is changed.
 
     Returns
     -------
@@ -53,8 +56,8 @@ def check(study, library, model, logs):
     shared = sorted(set.intersection(*[set(log.signals) for log in logs]))
     columns = Columns(study, shared)
     found = rate(logs)
-    steps, raw = resolution(study, logs, columns)
-    unwrapped, logs, _ = wrapped(study, logs, columns)
+    steps, raw = resolution(logs, columns)
+    unwrapped, logs, _ = wrapped(logs, columns)
     in_seconds, factor = clock(study, logs)
     found += steps + unwrapped + in_seconds + outliers(logs, columns) + copied(logs, columns)
     found += _Relations(study, library, model, logs, factor, raw).findings()

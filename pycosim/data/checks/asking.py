@@ -17,9 +17,13 @@ def asked(relations, holds, columns, group, limited):
     Parameters
     ----------
     relations : list
+        `ModelRelation` and `RateRelation`, as of `relations.relations`.
     holds : dict of int to Agreement
+        How well each relation holds, by its place in the list.
     columns : Columns
+        Of the study, mistakes that were found undone.
     group : dict of str to list of str
+        Variables by what they are, as `changes.roles` gives them.
     limited : bool
         Whether [limits] bound the torques closely enough to tell.
 

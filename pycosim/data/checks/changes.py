@@ -29,6 +29,7 @@ class Change:
     Attributes
     ----------
     kind : str
+        ``sign``, ``swap`` or ``unit``; findings of the check are named alike.
     sources : dict of str to Source
         How the variables are to be read.
     edits : list of tuple
@@ -58,6 +59,7 @@ class Columns:
     Parameters
     ----------
     study : Study
+        Its ``[columns]`` are copied, so that edits do not reach it.
     names : list of str
         Variables that the logs hold.
     """
@@ -71,6 +73,7 @@ class Columns:
         Parameters
         ----------
         variable : str
+            Of the rig, as ``motor1.tau``.
 
         Returns
         -------
@@ -85,6 +88,7 @@ class Columns:
         Parameters
         ----------
         variable : str
+            Of the rig, as ``motor1.tau``.
 
         Returns
         -------
@@ -123,6 +127,7 @@ class Columns:
         Parameters
         ----------
         before : Columns
+            The same columns before anything was edited.
         variables : set of str, optional
             Only those columns that held one of these.
 
@@ -140,7 +145,9 @@ def roles(names, relations):
     Parameters
     ----------
     names : list of str
+        Variables that all logs hold.
     relations : list
+        `ModelRelation` and `RateRelation`; what they read and predict tells what a variable is.
 
     Returns
     -------
@@ -163,6 +170,7 @@ def signs_and_swaps(columns, group):
     Parameters
     ----------
     columns : Columns
+        Of the study, by variable, as they stand before the change.
     group : dict of str to list of str
         As `roles` gives them.
 
@@ -203,7 +211,9 @@ def negate(columns, variables):
     Parameters
     ----------
     columns : Columns
+        Of the study, by variable, as they stand before the change.
     variables : sequence of str
+        Those that are changed together.
 
     Returns
     -------
@@ -219,7 +229,9 @@ def swap(columns, pairs):
     Parameters
     ----------
     columns : Columns
+        Of the study, by variable, as they stand before the change.
     pairs : list of (str, str)
+        Variables that take each other's place.
 
     Returns
     -------
@@ -236,7 +248,9 @@ def unit_changes(columns, group, ratios, steps):
     Parameters
     ----------
     columns : Columns
+        Of the study, by variable, as they stand before the change.
     group : dict of str to list of str
+        Variables by what they are, as `roles` gives them.
     ratios : dict of str to float
         Gear ratios of the model, by parameter.
     steps : dict of str to float
@@ -287,8 +301,11 @@ def in_unit(columns, variables, unit, factor, k_m=None):
     Parameters
     ----------
     columns : Columns
+        Of the study, by variable, as they stand before the change.
     variables : sequence of str
+        Those that are changed together.
     unit : str
+        That the columns are in instead, as ``deg``.
     factor : float
         By which the readings [SI] change.
     k_m : float, optional
@@ -313,7 +330,9 @@ def counted(columns, variables, count):
     Parameters
     ----------
     columns : Columns
+        Of the study, by variable, as they stand before the change.
     variables : sequence of str
+        Those that are changed together.
     count : int
         Steps a turn.
 
@@ -343,6 +362,7 @@ def listed(names):
     Parameters
     ----------
     names : iterable of str
+        Each as it is to be read.
 
     Returns
     -------
@@ -358,9 +378,13 @@ def snapped(columns, group, variable, factor):
     Parameters
     ----------
     columns : Columns
+        Of the study, by variable, as they stand before the change.
     group : dict of str to list of str
+        Variables by what they are, as `roles` gives them.
     variable : str
+        Whose readings are off, as ``motor1.tau``.
     factor : float
+        What the readings are to be multiplied by, in SI units.
 
     Returns
     -------

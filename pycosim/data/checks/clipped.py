@@ -20,9 +20,11 @@ def clipped(readings, motion, columns, names):
     Parameters
     ----------
     readings : Readings
+        At every sample.
     motion : ndarray of bool, shape (samples,)
         Samples in which something moves: at rest a torque may well stay what it is.
     columns : Columns
+        Name the columns of the variables in the findings.
     names : list of str
         Variables to look at: no angles, which rest at the ends of their travel.
 

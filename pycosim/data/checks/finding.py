@@ -80,6 +80,7 @@ class Checked:
     Attributes
     ----------
     findings : list of Finding
+        Each with its kind, its certainty and the line of the study that mends it.
     accepted : list of str
         Kinds that the user has answered: they stop nothing.
     """
@@ -108,6 +109,7 @@ def ordered(findings):
     Parameters
     ----------
     findings : list of Finding
+        In any order.
 
     Returns
     -------
@@ -131,6 +133,7 @@ def column_line(name, column):
     name : str
         Column of the log.
     column : Column
+        Its variable, unit, sign and gain, as the line is to say them.
 
     Returns
     -------
@@ -155,7 +158,9 @@ def scaled(column, factor, unit=None, k_m=None):
     Parameters
     ----------
     column : Column
+        As the study has it.
     factor : float
+        Of the readings in SI units; negative changes the sign too.
     unit : str, optional
         Unit that does it; else a sign or a gain does.
     k_m : float, optional

@@ -16,6 +16,7 @@ def beyond(study, known):
     Parameters
     ----------
     study : Study
+        Its ``[limits]`` are compared, in SI units.
     known : dict of str to ndarray
         Values by variable.
 
@@ -47,9 +48,13 @@ def limits(study, known, columns, units):
     Parameters
     ----------
     study : Study
+        Its ``[limits]`` are compared, in SI units.
     known : dict of str to ndarray
+        Values by variable, SI.
     columns : Columns
+        Name the columns of the variables in the findings.
     units : dict of str to str
+        Unit of each variable, for the words of a finding.
 
     Returns
     -------

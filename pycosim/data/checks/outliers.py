@@ -25,7 +25,9 @@ def outliers(logs, columns):
     Parameters
     ----------
     logs : list of Log
+        As recorded, without wraps.
     columns : Columns
+        Name the columns of the variables in the findings.
 
     Returns
     -------
@@ -59,6 +61,7 @@ def starts(log):
     Parameters
     ----------
     log : Log
+        Its angles tell where a joint moves.
 
     Returns
     -------
@@ -83,6 +86,7 @@ def spikes(values):
     Parameters
     ----------
     values : ndarray, shape (n,)
+        Of one signal of one log, in any unit.
 
     Returns
     -------
@@ -114,6 +118,7 @@ def shocks(readings, columns, holds):
     readings : Readings
         At every sample.
     columns : Columns
+        Name the columns of the variables in the findings.
     holds : list of (relation, Agreement)
         Agreement at every sample.
 

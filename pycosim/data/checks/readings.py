@@ -29,6 +29,7 @@ class Source:
     of : str
         Variable whose readings they are.
     factor : float
+        What readings are multiplied by: -1 for a wrong sign, a ratio of units for a wrong unit.
     shift : float
         The readings come this much late [s].
     drift : float
@@ -47,6 +48,7 @@ class Readings:
     Parameters
     ----------
     logs : list of Log
+        Only signals that all of them hold are looked at.
     most : int
         Samples that are looked at, evenly spread.
     clock : float
@@ -70,6 +72,7 @@ class Readings:
         Parameters
         ----------
         most : int
+            Samples of all logs together, evenly spread.
 
         Returns
         -------
@@ -109,6 +112,7 @@ class Readings:
         Parameters
         ----------
         source : Source
+            Which recorded variable is read, with what factor, and how late.
         order : int
             0 for the readings, 1 for their slope in time, 2 for the slope of that.
 
@@ -171,7 +175,9 @@ def slope(time, values, reach):
     Parameters
     ----------
     time, values : ndarray, shape (n,)
+        Times [s] need not be even.
     reach : int
+        Samples on each side.
 
     Returns
     -------
@@ -201,6 +207,7 @@ def with_change(sources, change):
     Parameters
     ----------
     sources : dict of str to Source
+        By variable, as they are read so far.
     change : dict of str to Source
         By variable; ``of`` names a variable whose source is taken first.
 

@@ -39,7 +39,9 @@ class Agreement:
     smooth : dict of str to float
         By channel: the part of it that neighbouring samples share, which noise is not.
     residual : ndarray, shape (channels, samples)
+        Measured minus predicted, SI units.
     used : ndarray of bool, shape (samples,)
+        Samples that were compared: those in motion, unless the relation holds at rest as well.
     x : ndarray
         Fitted parameters.
     """
@@ -59,11 +61,15 @@ def agreement(names, residual, measured, used, partners, x=None):
     Parameters
     ----------
     names : list of str
+        Channels.
     residual, measured : ndarray, shape (channels, samples)
+        Measured minus predicted, and what was measured, in SI units.
     used : ndarray of bool, shape (samples,)
+        Samples that are compared.
     partners : tuple of ndarray of int
         Of `Readings`.
     x : ndarray, optional
+        Fitted parameters, kept in the result.
 
     Returns
     -------
@@ -90,7 +96,9 @@ def shared(residual, first, second):
     Parameters
     ----------
     residual : ndarray, shape (samples,)
+        In any unit; one channel.
     first, second : ndarray of int, shape (pairs,)
+        Samples of each pair, recorded closely one after the other.
 
     Returns
     -------
@@ -132,7 +140,9 @@ class RateRelation:
         Parameters
         ----------
         readings : Readings
+            Samples of all logs.
         sources : dict of str to Source
+            How each variable is read, by its name.
         start : ndarray, optional
             Of no use here.
 
@@ -151,10 +161,13 @@ class ModelRelation:
     Parameters
     ----------
     name : str
+        Said in findings, as what is compared.
     question : Question
+        Of the rig, with the channels among its outputs.
     channels : dict of str to str
         Measured variable to the output that predicts it.
     model : Model
+        The rig with the study's effects; its segments' speeds tell when it moves.
     free : list of str
         Parameters to fit.
     settings : dict of str to Variable
@@ -200,6 +213,7 @@ class ModelRelation:
         Parameters
         ----------
         names : list of str
+            Parameters to fit as well.
 
         Returns
         -------
@@ -215,7 +229,9 @@ class ModelRelation:
         Parameters
         ----------
         readings : Readings
+            Samples of all logs.
         sources : dict of str to Source
+            How each variable is read, by its name.
 
         Returns
         -------
@@ -237,7 +253,9 @@ class ModelRelation:
         Parameters
         ----------
         readings : Readings
+            Samples of all logs.
         sources : dict of str to Source
+            How each variable is read, by its name.
 
         Returns
         -------
@@ -252,6 +270,7 @@ class ModelRelation:
         Parameters
         ----------
         arguments : list of ndarray or float
+            As `arguments` gives them: a number stands for an input that is constant.
         x : ndarray
             Free parameters.
         n : int
@@ -279,7 +298,9 @@ class ModelRelation:
         Parameters
         ----------
         readings : Readings
+            Samples of all logs.
         sources : dict of str to Source
+            How each variable is read, by its name.
         x : ndarray
             Free parameters.
 
@@ -295,7 +316,9 @@ class ModelRelation:
         Parameters
         ----------
         readings : Readings
+            Samples of all logs.
         sources : dict of str to Source
+            How each variable is read, by its name.
         start : ndarray, optional
             Where the fit starts; the study's values by default.
         offset : bool
@@ -391,6 +414,7 @@ def moving(speeds):
     Parameters
     ----------
     speeds : ndarray, shape (segments, n)
+        Of each segment [rad/s], on a linear axis [m/s].
 
     Returns
     -------
@@ -408,8 +432,11 @@ def levelled(values, run, used):
     Parameters
     ----------
     values : ndarray, shape (channels, samples)
+        A row a channel, in any unit.
     run : ndarray of int, shape (samples,)
+        Number of the log that each sample belongs to.
     used : ndarray of bool, shape (samples,)
+        Samples that the medians are taken of.
 
     Returns
     -------
@@ -429,6 +456,7 @@ def bare(name):
     Parameters
     ----------
     name : str
+        Of an input of the model, a derivative or the variable itself.
 
     Returns
     -------
@@ -446,7 +474,9 @@ def relations(study, library, model, names):
     Parameters
     ----------
     study : Study
+        Its columns and parameters say what is known.
     library : Library
+        Holds the study's rig.
     model : Model
         With the study's effects.
     names : list of str

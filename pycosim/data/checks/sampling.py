@@ -24,6 +24,7 @@ def rate(logs):
     Parameters
     ----------
     logs : list of Log
+        Their times [s] are taken as the study reads them.
 
     Returns
     -------
@@ -51,6 +52,7 @@ def rest(logs, moving):
     Parameters
     ----------
     logs : list of Log
+        Their times [s] are taken as the study reads them.
     moving : float or None
         Share of samples in which everything moves.
 
@@ -69,7 +71,9 @@ def clock(study, logs):
     Parameters
     ----------
     study : Study
+        Its columns tell the unit of the time, and `rate` where there is no such column.
     logs : list of Log
+        Their times [s] are taken as the study reads them.
 
     Returns
     -------
@@ -107,14 +111,15 @@ def _fast(time, values):
     return float(np.quantile(speed, 0.99))
 
 
-def resolution(study, logs, columns):
+def resolution(logs, columns):
     """Steps in which the columns' numbers change.
 
     Parameters
     ----------
-    study : Study
     logs : list of Log
+        Their times [s] are taken as the study reads them.
     columns : Columns
+        Give the readings' size in the columns' own numbers, and their names.
 
     Returns
     -------
@@ -149,6 +154,7 @@ def steps(values):
     Parameters
     ----------
     values : ndarray, shape (n,)
+        As recorded, in any unit.
 
     Returns
     -------

@@ -79,10 +79,15 @@ class Search:
     Parameters
     ----------
     study : Study
+        Its columns are what may be wrong.
     model : Model
+        The rig with the study's effects; gear ratios among its parameters are factors to try.
     readings : Readings
+        At few enough samples to fit the model once for each change.
     sources : dict of str to Source
+        How each variable is read before any change.
     relations : list
+        `ModelRelation` and `RateRelation` that the columns are held against.
     steps : dict of str to float
         Steps in which raw numbers change.
     """
@@ -161,6 +166,7 @@ class Search:
         Parameters
         ----------
         state : State
+            Mistakes undone so far, and how well each relation holds then.
 
         Returns
         -------
@@ -232,6 +238,7 @@ class Search:
         Parameters
         ----------
         state : State
+            What `run` ended with.
 
         Returns
         -------
@@ -317,6 +324,7 @@ def decisive(before, after):
     Parameters
     ----------
     before, after : State
+        With some mistakes undone, and with one more.
 
     Returns
     -------
@@ -341,6 +349,7 @@ def certainty(before, after, rivals):
     Parameters
     ----------
     before, after : State
+        The log as given, and with all mistakes undone.
     rivals : int
         Other changes that explain as much.
 
@@ -359,6 +368,7 @@ def independent_stretches(agreement):
     Parameters
     ----------
     agreement : Agreement
+        Of one relation; the channel with the fewest stretches counts.
 
     Returns
     -------

@@ -25,6 +25,7 @@ def equal_stretches(values):
     Parameters
     ----------
     values : ndarray, shape (n,)
+        Of one signal of one log.
 
     Returns
     -------
@@ -42,7 +43,9 @@ def stuck(readings, sources, columns, group, holds):
     readings : Readings
         At every sample.
     sources : dict of str to Source
+        How each variable is read, by its name.
     columns : Columns
+        Name the columns of the variables in the findings.
     group : dict of str to list of str
         As `changes.roles` gives them.
     holds : list of (relation, Agreement)
@@ -77,8 +80,11 @@ def moved(readings, sources, group):
     Parameters
     ----------
     readings : Readings
+        At the samples that are looked at.
     sources : dict of str to Source
+        How each variable is read, by its name.
     group : dict of str to list of str
+        Variables by what they are, as `changes.roles` gives them.
 
     Returns
     -------
@@ -144,7 +150,9 @@ def copied(logs, columns):
     Parameters
     ----------
     logs : list of Log
+        Signals are compared sample by sample in each.
     columns : Columns
+        Name the columns of the variables in the findings.
 
     Returns
     -------

@@ -43,11 +43,17 @@ class Timing:
     Parameters
     ----------
     readings : Readings
+        At every sample, or few for a first trial.
     sources : dict of str to Source
+        How each variable is read, mistakes undone.
     relations : list
+        `ModelRelation` and `RateRelation` that tell of times.
     holds : dict of int to Agreement
+        How well each relation holds without a shift, by its place in the list.
     columns : Columns
+        Name the columns of the variables in the findings.
     group : dict of str to list of str
+        Variables by what they are, as `changes.roles` gives them.
     """
 
     def __init__(self, readings, sources, relations, holds, columns, group):
@@ -80,6 +86,7 @@ class Timing:
         Parameters
         ----------
         names : tuple of str
+            Variables that are shifted together, as those of one clock.
         trials : sequence of (float, float)
             Shift and drift, as of `Source`.
 
@@ -114,6 +121,7 @@ class Timing:
         Parameters
         ----------
         names : tuple of str
+            Variables that are shifted together, as those of one clock.
         shift, drift : float
             As of `Source`.
 
@@ -323,12 +331,15 @@ def filtered(readings, sources, relation, x, columns, group):
     readings : Readings
         At every sample.
     sources : dict of str to Source
+        How each variable is read, mistakes undone.
     relation : ModelRelation
         The study's own comparison.
     x : ndarray
         Its fitted parameters.
     columns : Columns
+        Name the columns of the variables in the findings.
     group : dict of str to list of str
+        Variables by what they are, as `changes.roles` gives them.
 
     Returns
     -------

@@ -17,14 +17,15 @@ _TURNS = (360.0, 2 * math.pi, 2.0, 1.0, 400.0, *(float(2 ** k) for k in range(8,
 """Usual turns in the numbers of a column: degrees, radians, (half) revolutions, gon, steps of an encoder."""
 
 
-def wrapped(study, logs, columns):
+def wrapped(logs, columns):
     """Angles that jump by a turn.
 
     Parameters
     ----------
-    study : Study
     logs : list of Log
+        As recorded.
     columns : Columns
+        Tell which variables are angles, and how large a turn is in the column's numbers.
 
     Returns
     -------

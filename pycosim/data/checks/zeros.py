@@ -21,9 +21,13 @@ def encoder_zeros(readings, sources, relations, columns):
     Parameters
     ----------
     readings : Readings
+        At few enough samples to fit the model anew with each zero.
     sources : dict of str to Source
+        How each variable is read, mistakes undone.
     relations : list
+        `ModelRelation` and `RateRelation` that the columns are held against.
     columns : Columns
+        Name the columns of the variables in the findings.
 
     Returns
     -------
@@ -58,10 +62,15 @@ def reference_offsets(readings, sources, relations, holds, columns):
     Parameters
     ----------
     readings : Readings
+        At few enough samples to fit the model anew with each zero.
     sources : dict of str to Source
+        How each variable is read, mistakes undone.
     relations : list
+        `ModelRelation` and `RateRelation` that the columns are held against.
     holds : dict of int to Agreement
+        How well each relation holds, by its place in the list.
     columns : Columns
+        Name the columns of the variables in the findings.
 
     Returns
     -------
@@ -91,11 +100,15 @@ def motor_zeros(readings, sources, relation, hold, columns, zeros):
     Parameters
     ----------
     readings : Readings
+        At few enough samples to fit the model anew with each zero.
     sources : dict of str to Source
+        How each variable is read, mistakes undone.
     relation : ModelRelation
         The weight of the load against the reference.
     hold : Agreement
+        How well the relation holds with the zeros as the study has them.
     columns : Columns
+        Name the columns of the variables in the findings.
     zeros : dict of str to str
         Parameter by the angle whose zero it is.
 

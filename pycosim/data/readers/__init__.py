@@ -74,6 +74,7 @@ def read_parts(path, name, wanted, text, layout=PLAIN):
     Raises
     ------
     DataError
+        The file is not there, its format cannot be told, or it cannot be read.
     """
     refuse_no_file(path)
     key = name or path.suffix.lower()
@@ -144,6 +145,7 @@ def text_blocks(path, encoding="utf-8-sig"):
     Yields
     ------
     str
+        Lines with their ends; only the last block may end without one.
 
     Raises
     ------
