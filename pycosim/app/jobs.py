@@ -24,6 +24,7 @@ class Job:
     text : str
         The present stage.
     cancelled : bool
+        Whether somebody asked to give the work up; at its next stage it ends.
     known : list of str
         Partial answers so far.
     """
@@ -46,6 +47,7 @@ class Job:
         Parameters
         ----------
         text : str
+            The answer, in sentences.
         """
         self.known = [*self.known, text]
 

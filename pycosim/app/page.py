@@ -49,6 +49,7 @@ class Page:
     Parameters
     ----------
     session : Session
+        Shared by all browsers that look at this app.
     dark : bool
         The reader's theme.
     """
@@ -172,6 +173,7 @@ class Page:
         Parameters
         ----------
         chart : Chart
+            With its title and what it shows in words.
 
         Returns
         -------
@@ -189,6 +191,7 @@ class Page:
         Parameters
         ----------
         model : Model
+            Of the rig that is drawn.
         **marked
             Of `pycosim.report.schematic.schematic`.
         """
@@ -512,10 +515,12 @@ def refuse_taken(port):
     Parameters
     ----------
     port : int
+        Of this machine, 1 to 65535.
 
     Raises
     ------
     Given
+        Another program serves it, or it is no port; name another one.
     """
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -532,11 +537,13 @@ def serve(study, data, folder, port, show, progress, say):
     Parameters
     ----------
     study : path or None
+        Opened at once; without one, a log is asked for.
     data : list of path or None
         Logs instead of the study's.
     folder : path
         Where dropped logs, the study and exports go.
     port : int
+        Of this machine, 1 to 65535.
     show : bool
         Whether to open a browser.
     progress : Progress

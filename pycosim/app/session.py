@@ -31,6 +31,7 @@ class Session:
     Parameters
     ----------
     bench : Workbench
+        The study that is worked on.
 
     Attributes
     ----------
@@ -117,6 +118,7 @@ class Session:
         place : str
             Button or field that asks for it.
         function : callable
+            Too short for a job beside the page.
         *arguments
             Its arguments.
         after : sequence of str
@@ -144,6 +146,7 @@ class Session:
         Parameters
         ----------
         path : path
+            Of the log.
         """
         if self.bench.study is not None:
             self.start("log", self.bench.take, self.bench.study.with_data([path]), after=("steps", "diagnosis"))
@@ -186,6 +189,7 @@ class Session:
         place : str
             Field that says it.
         given : Given
+            Taken over where a proposal can be made with it.
         """
         self.soon(place, self._tell, given, after=("answers",))
 
@@ -199,7 +203,9 @@ class Session:
         Parameters
         ----------
         question : Question
+            One of the proposal's.
         text : str
+            One of its answers, or a number.
         """
         self.tell(place_of(question), answered(self.proposal, self.given, question, text))
 
@@ -225,6 +231,7 @@ def place_of(question):
     Parameters
     ----------
     question : Question
+        One of the proposal's.
 
     Returns
     -------

@@ -31,6 +31,7 @@ def preview(name, values):
     Parameters
     ----------
     name : str
+        Of the column.
     values : ndarray, shape (n,)
         In the column's own numbers; NaN leaves a gap.
 
@@ -61,6 +62,7 @@ class Wizard:
     Parameters
     ----------
     session : Session
+        Its log is mapped; what is answered goes there.
     notice : callable
         Makes a place for what goes wrong at a button.
     """

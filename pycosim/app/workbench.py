@@ -62,6 +62,7 @@ class Workbench:
     searched : Search or None
         The last search, with its report.
     report : Path or None
+        Page of the last search; None before one.
     planned : Plan or None
         The last planned experiment.
     """
@@ -112,13 +113,16 @@ class Workbench:
         Parameters
         ----------
         path : path
+            Of the study.
         data : list of path, optional
             Logs instead of the study's.
         progress : callable, optional
+            Called with a sentence before each stage.
 
         Raises
         ------
         PycosimError
+            It cannot be done; the present state stays.
         """
         self._take(path, data, progress)
 
@@ -128,7 +132,9 @@ class Workbench:
         Parameters
         ----------
         study : Study
+            Checked against its rig first.
         progress : callable, optional
+            Called with a sentence before each stage.
 
         Raises
         ------
@@ -156,6 +162,7 @@ class Workbench:
         Parameters
         ----------
         proposal : Proposal
+            Without questions.
         model : Model
             The rig.
         reference : str
@@ -187,10 +194,12 @@ class Workbench:
         Parameters
         ----------
         progress : callable, optional
+            Called with a sentence before each stage.
 
         Raises
         ------
         PycosimError
+            It cannot be done; the present state stays.
         """
         fitted, self._say.listener = self.fitted, progress
         found = fitted.diagnose()
@@ -213,6 +222,7 @@ class Workbench:
         path : path
             Modelica file of one effect.
         progress : callable, optional
+            Called with a sentence before each stage.
 
         Raises
         ------
@@ -233,7 +243,9 @@ class Workbench:
         Parameters
         ----------
         effect, place : str
+            As ``stribeck`` and ``2A``.
         progress : callable, optional
+            Called with a sentence before each stage.
 
         Raises
         ------
@@ -312,10 +324,12 @@ class Workbench:
         Parameters
         ----------
         progress : callable, optional
+            Called with a sentence before each stage.
 
         Raises
         ------
         PycosimError
+            It cannot be done; the present state stays.
         """
         project, self._say.listener = self.fitted.project, progress
         found = project.improve()
@@ -336,6 +350,7 @@ class Workbench:
         budget : float
             Longest duration [s].
         progress : callable, optional
+            Called with a sentence before each stage.
 
         Raises
         ------
@@ -360,6 +375,7 @@ class Workbench:
         Raises
         ------
         PycosimError
+            It cannot be done; the present state stays.
         """
         path = self.folder / "study.toml"
         given = self.study is not None and path.resolve() == self.study.path.resolve() and path.exists()
@@ -377,6 +393,7 @@ class Workbench:
         Raises
         ------
         StudyError
+            It cannot be made.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -390,7 +407,9 @@ class Workbench:
         Parameters
         ----------
         fmi : int
+            Version, 2 or 3.
         progress : callable, optional
+            Called with a sentence before each stage.
 
         Returns
         -------
@@ -399,6 +418,7 @@ class Workbench:
         Raises
         ------
         PycosimError
+            It cannot be done; the present state stays.
         """
         self._say.listener = progress
         self.make()

@@ -186,6 +186,7 @@ class Beside:
     Attributes
     ----------
     pool : concurrent.futures.Executor
+        Of one process; without a second core, what works at once in this one.
     """
 
     def __init__(self, library):
@@ -210,6 +211,7 @@ class Beside:
         Parameters
         ----------
         rig : str, optional
+            Full name of the class; the demo's by default.
         """
         self._submit(_compile, rig)
 
@@ -219,6 +221,7 @@ class Beside:
         Parameters
         ----------
         rig : str
+            Full name of the class, as ``DriveTrain.Rigs.HipKnee``.
         attached : list of list of (str, str)
             Effects and places of each.
         """

@@ -24,7 +24,9 @@ def run_verb(arguments, progress):
     Parameters
     ----------
     arguments : argparse.Namespace
+        As `parser.parse` gives them.
     progress : callable
+        Told the stages of long work.
 
     Returns
     -------

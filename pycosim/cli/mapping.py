@@ -20,10 +20,12 @@ def refuse_unused(arguments):
     Parameters
     ----------
     arguments : argparse.Namespace
+        As `parser.parse` gives them, of the verb ``new``.
 
     Raises
     ------
     UsageError
+        An option speaks of a log, and none is given.
     """
     said = {"--map": arguments.columns, "--rate": arguments.rate is not None, "--si": arguments.si,
             "--without": arguments.without, "--rated": arguments.rated}
@@ -38,6 +40,7 @@ def given(arguments, header):
     Parameters
     ----------
     arguments : argparse.Namespace
+        As `parser.parse` gives them, of the verb ``new``.
     header : list of str
         Columns of the log.
 
@@ -48,6 +51,7 @@ def given(arguments, header):
     Raises
     ------
     UsageError
+        A rate is not above zero, or what is said of a column cannot be read.
     """
     if arguments.rate is not None and not 0 < arguments.rate < float("inf"):
         raise UsageError(f"--rate {arguments.rate:g}: must be above zero, in Hz")
@@ -61,8 +65,11 @@ def rated(arguments, model, said):
     Parameters
     ----------
     arguments : argparse.Namespace
+        As `parser.parse` gives them, of the verb ``new``.
     model : Model
+        The rig, without effects.
     said : Given
+        What was said of the columns; ratings are added to it.
 
     Returns
     -------
@@ -132,7 +139,9 @@ def rig_by_log(library, arguments, terminal):
     Parameters
     ----------
     library : Library
+        Holds the rigs.
     arguments : argparse.Namespace
+        As `parser.parse` gives them, of the verb ``new``.
     terminal : file
         Where answers come from.
 
@@ -176,8 +185,11 @@ def mapped(library, rig, arguments, terminal):
     Parameters
     ----------
     library : Library
+        Holds the rigs.
     rig : str
+        Full name of the class that the columns are to serve.
     arguments : argparse.Namespace
+        As `parser.parse` gives them, of the verb ``new``.
     terminal : file
         Where answers come from.
 
@@ -282,6 +294,7 @@ def told(proposal):
     Parameters
     ----------
     proposal : Proposal
+        Without questions.
 
     Returns
     -------

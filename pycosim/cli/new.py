@@ -70,6 +70,7 @@ def draw(proposal, path):
     Parameters
     ----------
     proposal : Proposal
+        Its sample is drawn.
     path : Path
         The study.
 
@@ -93,10 +94,12 @@ def refuse_taken(path):
     Parameters
     ----------
     path : Path
+        Of the study that would be written.
 
     Raises
     ------
     FolderError
+        Something has that name.
     """
     from ..report.folder import FolderError
     if os.path.lexists(path):
@@ -109,7 +112,9 @@ def write(path, text, library):
     Parameters
     ----------
     path : Path
+        Of the study; folders that are missing are made.
     text : str
+        Of the study, TOML.
     library : Library
         What it names is checked against.
 
@@ -147,7 +152,9 @@ def find_rig(library, name):
     Parameters
     ----------
     library : Library
+        Holds the rigs, the user's own file among them.
     name : str
+        As ``HipKnee`` or ``DriveTrain.Rigs.HipKnee``.
 
     Returns
     -------
@@ -156,6 +163,7 @@ def find_rig(library, name):
     Raises
     ------
     UnknownNameError
+        There is none; the nearest is named.
     """
     from ..study.template import rigs
     known = rigs(library)
@@ -172,6 +180,7 @@ def own_rig(library, file):
     library : Library
         With the file.
     file : str
+        Of Modelica, as the user named it.
 
     Returns
     -------
@@ -197,6 +206,7 @@ def template(library, rig, runs, modelica=(), proposal=None):
     Parameters
     ----------
     library : Library
+        Holds the rigs, the user's own file among them.
     rig : str
         Full name.
     runs : list of str
@@ -209,6 +219,7 @@ def template(library, rig, runs, modelica=(), proposal=None):
     Yields
     ------
     str
+        A line without its end.
     """
     from ..compile import catalogue, compile_model, places
     from ..study.schema import MOST

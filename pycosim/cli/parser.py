@@ -248,6 +248,7 @@ def parse(argv):
     Parameters
     ----------
     argv : list of str
+        Words after the program's name.
 
     Returns
     -------

@@ -36,6 +36,7 @@ class Progress:
         Parameters
         ----------
         text : str
+            The answer, in sentences.
         """
         if self.shown:
             print(f"{_CLEAR}{text} ({time.monotonic() - self.start:.0f} s)", file=sys.stderr, flush=True)

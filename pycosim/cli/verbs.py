@@ -37,7 +37,9 @@ class Run:
     Parameters
     ----------
     arguments : argparse.Namespace
+        As `parser.parse` gives them.
     progress : callable
+        Told the stages of long work.
     """
 
     def __init__(self, arguments, progress):
@@ -86,7 +88,9 @@ class Run:
         Parameters
         ----------
         name : str
+            Of the file in the verb's folder.
         result : dict or str
+            Text as it is, or a record for JSON.
         """
         text = result if isinstance(result, str) else records.to_json(result)
         self.folder.write(name, text)
@@ -205,7 +209,9 @@ def improve_many(arguments, progress):
     Parameters
     ----------
     arguments : argparse.Namespace
+        As `parser.parse` gives them.
     progress : callable
+        Told the stages of long work.
 
     Returns
     -------
@@ -230,7 +236,9 @@ def demo(arguments, progress):
     Parameters
     ----------
     arguments : argparse.Namespace
+        As `parser.parse` gives them.
     progress : callable
+        Told the stages of long work.
 
     Returns
     -------
@@ -256,7 +264,9 @@ def app(arguments, progress):
     Parameters
     ----------
     arguments : argparse.Namespace
+        As `parser.parse` gives them.
     progress : callable
+        Told the stages of long work.
 
     Raises
     ------
@@ -284,7 +294,9 @@ def cosim(arguments, progress):
     Parameters
     ----------
     arguments : argparse.Namespace
+        As `parser.parse` gives them.
     progress : callable
+        Told the stages of long work.
 
     Returns
     -------
@@ -339,7 +351,9 @@ def calibrate(arguments, progress):
     Parameters
     ----------
     arguments : argparse.Namespace
+        As `parser.parse` gives them.
     progress : callable
+        Told the stages of long work.
 
     Returns
     -------

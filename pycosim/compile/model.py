@@ -622,6 +622,7 @@ def compile_model(library, rig, attached=(), probes=False):
     Raises
     ------
     UnknownNameError, ModelicaError
+        No such rig, effect or place, or its equations cannot be compiled.
     """
     key = ("model", rig, tuple(map(tuple, attached)), probes)
     return library.memo(key, lambda: Model(library, rig, attached, probes))

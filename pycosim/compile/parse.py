@@ -163,6 +163,7 @@ class Library:
         Yields
         ------
         str
+            As ``DriveTrain.Rigs.HipKnee``.
         """
         for name, child in (node or self.tree).classes.items():
             if child.type != "package":
@@ -182,6 +183,7 @@ class Library:
         name : str
             Dotted.
         node : pymoca.ast.Class
+            As parsed.
 
         Raises
         ------

@@ -71,6 +71,7 @@ def executor(where, workers=None, imports=()):
     Yields
     ------
     concurrent.futures.Executor, or one that behaves like it
+        Ended when the block is left.
 
     Raises
     ------
@@ -117,6 +118,7 @@ def each(work, where="serial", workers=None, imports=()):
     Yields
     ------
     key : object
+        Of a piece of work that is done.
     future : concurrent.futures.Future
         Finished, as pieces come; its ``result()`` raises what the work raised. `lost` tells of one that was killed
         again.

@@ -561,6 +561,7 @@ def naming(scenario, name):
     Yields
     ------
     None
+        The component may be used meanwhile.
     """
     try:
         yield

@@ -36,7 +36,9 @@ def unit_of(dataset, name):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are compared, as they are arranged for a fit.
     name : str
+        As tables and plots call it.
 
     Returns
     -------
@@ -62,8 +64,11 @@ def errors(dataset, model, fit, part="all"):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are compared, as they are arranged for a fit.
     model : Model
+        Of the data set's rig, with the effects that are compared.
     fit : Fit
+        Of that model; its values are used.
     part : str
         ``fit``, ``test`` or ``all``.
 
@@ -82,9 +87,13 @@ def joint_errors(dataset, model, fit, part="all"):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are compared, as they are arranged for a fit.
     model : Model
+        Of the data set's rig, with the effects that are compared.
     fit : Fit
+        Of that model; its values are used.
     part : str
+        ``"fit"``, ``"test"``, ``"all"``, or numbers of blocks.
 
     Returns
     -------
@@ -109,8 +118,11 @@ def branches(dataset, model, fit):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are compared, as they are arranged for a fit.
     model : Model
+        Of the data set's rig, with the effects that are compared.
     fit : Fit
+        Of that model; its values are used.
 
     Returns
     -------
@@ -128,9 +140,13 @@ def compare(dataset, model, fit, part="all"):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are compared, as they are arranged for a fit.
     model : Model
+        Of the data set's rig, with the effects that are compared.
     fit : Fit
+        Of that model; its values are used.
     part : str
+        ``"fit"``, ``"test"``, ``"all"``, or numbers of blocks.
 
     Returns
     -------

@@ -36,6 +36,7 @@ class Confirmation:
     Attributes
     ----------
     effect, place : str
+        As the study names them, ``stribeck`` and ``2A``.
     p_value : float
         Probability of so large a fall of the squared error where the effect lowers it by chance alone: the larger of
         the next two.
@@ -46,6 +47,7 @@ class Confirmation:
     error_without, error_with : dict of str to float
         RMSE of each channel on the moving samples of the log, in its unit.
     confirmed : bool
+        Whether `p_value` is below `LEVEL`, the error is smaller with the effect, and enough units were compared.
     units : int
         Blocks or passes whose falls were compared.
     why : str or None
@@ -112,12 +114,14 @@ def refuse_nothing(study, model):
     Parameters
     ----------
     study : Study
+        With effects, and the values of their coefficients.
     model : Model
         The rig with the study's effects.
 
     Raises
     ------
     StudyError
+        It has no effect, or one whose coefficients are those of no effect.
     """
     if not model.attached:
         raise StudyError(f"{study.path}: has no effects to confirm; take the study.toml that 'pycosim improve' or "
@@ -139,7 +143,9 @@ def frozen(dataset, model):
     Parameters
     ----------
     dataset : Dataset
+        Gives the samples that the zeros are found from.
     model : Model
+        Of the study's rig, with all its effects or without some.
 
     Returns
     -------
@@ -157,6 +163,7 @@ def confirm(dataset, seed=0, progress=None):
     dataset : Dataset
         The study on the new log.
     seed : int
+        Of the signs that are drawn where there are many units.
     progress : callable, optional
         Called with a sentence before each effect.
 
@@ -258,6 +265,7 @@ def chance(falls, seed=0):
     Parameters
     ----------
     falls : ndarray, shape (units,)
+        Fall of the squared error of each unit; negative where it rose.
     seed : int
         Of the drawn signs; of few units, all combinations are counted.
 

@@ -61,6 +61,7 @@ def allowed(effect):
     Parameters
     ----------
     effect : Effect
+        One of the library, or a guess in a file of its own, of which less is asked.
 
     Returns
     -------
@@ -79,8 +80,11 @@ def constancy(dataset, model, fit, seed=0):
     Parameters
     ----------
     dataset : Dataset
+        Its fit part is looked at.
     model : Model
+        With the effects whose coefficients may vary.
     fit : Fit
+        Of that model.
     seed : int
         Of the roundings whose share is taken off.
 
@@ -222,6 +226,7 @@ def levels(values):
     Parameters
     ----------
     values : ndarray, shape (n,)
+        Of one variable, in its unit.
 
     Returns
     -------

@@ -43,8 +43,11 @@ def select(dataset, model, fit, noise, usual=None):
     Parameters
     ----------
     dataset : Dataset
+        Its folds are left out in turn.
     model : Model
+        That was fitted.
     fit : Fit
+        The optimum at which the residual is taken as linear.
     noise : list of Noise
         One a channel.
     usual : ndarray, shape (channels, 1), optional
@@ -119,6 +122,7 @@ def difference(a, b):
     Parameters
     ----------
     a, b : ndarray, shape (blocks,)
+        Errors of two models on the same blocks, in the same unit.
 
     Returns
     -------

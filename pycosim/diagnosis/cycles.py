@@ -34,6 +34,7 @@ class Ripples:
     Attributes
     ----------
     candidates : list of Candidate
+        The numbers of cycles at which each effect at each place takes most.
     columns : list of ndarray, shape (channels, n)
         Those that the candidates number, the first with the number that was asked for.
     chance : ndarray, shape (draws,)
@@ -51,10 +52,13 @@ def ripples(table, noise, draws, rng, first=0):
     Parameters
     ----------
     table : Table
+        Of the fitted model; its scans are the effects with a number of cycles.
     noise : list of Noise
         One a channel.
     draws : int
+        Sets of signs, one for each stretch of the log, by which chance is judged.
     rng : numpy.random.Generator
+        Draws the signs.
     first : int
         Number of the first column made here.
 

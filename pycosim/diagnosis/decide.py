@@ -77,10 +77,13 @@ class Diagnosis:
     verdict : str
         ``missing_effect``, ``nothing_missing``, ``unexplained`` or ``not_enough_excitation``.
     error, noise_floor : dict of str to float
+        RMSE of each channel, and what noise alone would leave, in the channel's unit.
     candidates : list of Finding
         Best first.
     residual_depends_on : list of dict
+        Variables, most first, each with its share of the residual's energy and how sure that is.
     undetectable : list of dict
+        Effects and places that the log cannot show, each with the reason and an experiment that would.
     noise : list of Noise
         Of single samples, one a channel.
     smallest : list of dict
@@ -127,9 +130,13 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     Parameters
     ----------
     dataset : Dataset
+        Its fit part is searched; what is held out decides nothing.
     model : Model
+        With the effects accepted so far.
     fit : Fit
+        Of that model.
     seed : int
+        Of all draws, so that an answer can be had again.
     progress : callable, optional
         Called with a sentence before each stage.
 

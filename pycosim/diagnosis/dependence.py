@@ -36,8 +36,11 @@ def noise_floor(dataset, model, fit):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are arranged for a fit.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model; its residual is looked at.
 
     Returns
     -------
@@ -96,8 +99,11 @@ def explanations(dataset, model, fit, problem_index):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are arranged for a fit.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model; its residual is looked at.
     problem_index : ndarray of int, shape (n,)
         The samples.
 
@@ -149,6 +155,7 @@ def time_since_reversal(dataset):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are arranged for a fit.
 
     Returns
     -------
@@ -192,9 +199,13 @@ def dependence(dataset, model, fit, seed=0):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are arranged for a fit.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model; its residual is looked at.
     seed : int
+        Of what rounding may have left in the residual, which is drawn.
 
     Returns
     -------
@@ -292,7 +303,9 @@ def stretches(dataset, problem):
     Parameters
     ----------
     dataset : Dataset
+        Its logs are arranged for a fit.
     problem : Residuals
+        Its samples are labelled.
 
     Returns
     -------
@@ -417,6 +430,7 @@ def explained(xy, xx, energy, bins, fold, block, count):
     energy : float
         Of the residual.
     bins, fold, block : ndarray of int, shape (n,)
+        Bin of the variable, fold, and block of each sample.
     count : int
         Number of blocks.
 

@@ -16,7 +16,9 @@ def undetectable(table, scores):
     Parameters
     ----------
     table : Table
+        Of the fitted model, with a column for each candidate.
     scores : Scores
+        Of the same table.
 
     Returns
     -------
@@ -54,7 +56,9 @@ def smallest(scores, level):
     Parameters
     ----------
     scores : Scores
+        Of the same table.
     level : float
+        Family-wise p-value, 0 to 1.
 
     Returns
     -------
@@ -92,6 +96,7 @@ def varied(table):
     Parameters
     ----------
     table : Table
+        Of the fitted model, with a column for each candidate.
 
     Returns
     -------
@@ -124,7 +129,9 @@ def definite(table, place, needs):
     Parameters
     ----------
     table : Table
+        Of the fitted model, with a column for each candidate.
     place : Place
+        Where the effect would hang.
     needs : str
         What the effect's annotation says it needs, as ``speeds reversals``.
 

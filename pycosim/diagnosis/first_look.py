@@ -25,6 +25,7 @@ class Likely:
     Attributes
     ----------
     effect, place : str
+        As ``stribeck`` and ``2A``.
     share : float
         Of the error's energy that it would take away, base and candidate within their bounds.
     """
@@ -40,6 +41,7 @@ def first_look(table):
     Parameters
     ----------
     table : Table
+        Of the fitted model; its columns are compared with the residual.
 
     Returns
     -------
@@ -96,6 +98,7 @@ def tell(say, table):
     say : callable
         As of `core.early.tell_early`; one that does not listen costs nothing.
     table : Table
+        Of the fitted model; its columns are compared with the residual.
     """
     if hasattr(say, "early"):
         tell_early(say, told(first_look(table), table.fit.error, table.dataset.units))
@@ -107,6 +110,7 @@ def told(found, error, units):
     Parameters
     ----------
     found : list of Likely
+        Most first, as `first_look` gives them.
     error, units : dict of str
         Of the fitted model, by channel.
 

@@ -48,7 +48,9 @@ def shapes(values, unit):
     Parameters
     ----------
     values : ndarray, shape (n,)
+        Of the variable, at the samples that are fitted.
     unit : str
+        Of the variable, for a shape's words.
 
     Returns
     -------
@@ -90,6 +92,7 @@ def unexplained(table, depends, floor):
     Parameters
     ----------
     table : Table
+        Of the fitted model whose residual is looked at.
     depends : list of dict
         Of `dependence`.
     floor : dict of str to float

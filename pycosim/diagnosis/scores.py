@@ -48,7 +48,9 @@ class Scores:
     Parameters
     ----------
     table : Table
+        Of the fitted model.
     seed : int
+        Of the simulated residuals.
     draws : int
         Simulated residuals for the family-wise p-values.
     """
@@ -169,6 +171,7 @@ class Scores:
         Parameters
         ----------
         candidate : Candidate
+            One of the table's.
         coefficients : ndarray, shape (coefficients,), or None
             Expected coefficients; None adds nothing.
 
@@ -201,7 +204,9 @@ class Scores:
         Parameters
         ----------
         candidate : Candidate
+            One of the table's.
         size : float
+            Of the coefficient, in its unit.
 
         Returns
         -------
@@ -477,6 +482,7 @@ class Scores:
         Parameters
         ----------
         level : float
+            Family-wise p-value, 0 to 1.
         scanned : bool
             Of a ripple.
 

@@ -63,8 +63,11 @@ def step_of(dataset, model, fit, finding=None):
     Parameters
     ----------
     dataset : Dataset
+        Its fit part is searched, and its held-out part told about.
     model : Model
+        Of the data set's rig, with the effects that are in by now.
     fit : Fit
+        Of that model.
     finding : Finding, optional
         The effect that came with this step.
 
@@ -86,10 +89,13 @@ def addable(study, library, model, text):
     Parameters
     ----------
     study : Study
+        What it rejects, and what it has already, is refused.
     library : Library
+        Knows the effects.
     model : Model
         The study's rig with its effects.
     text : str
+        As ``stribeck@2A``, or ``stribeck`` for every place.
 
     Returns
     -------
@@ -100,6 +106,8 @@ def addable(study, library, model, text):
     Raises
     ------
     UnknownNameError, StudyError
+        No such effect or place, it is in the model already, the study rejects it, or it does what a free
+        parameter does.
     """
     name, at, place = text.partition("@")
     effect = find_effect(library, name)
@@ -129,6 +137,7 @@ class Addition:
     Attributes
     ----------
     step : Step
+        The model with it, its fit and its errors.
     tried : list of str
         Places where it could be fitted.
     finding : Finding or None
@@ -149,13 +158,19 @@ def add(dataset, model, fit, effect, places, found, progress=None):
     Parameters
     ----------
     dataset : Dataset
+        Its fit part is searched, and its held-out part told about.
     model : Model
+        Of the data set's rig, with the effects that are in by now.
     fit : Fit
+        Of that model.
     effect : str
+        Its name, as ``stribeck``.
     places : list of str
+        Those that are tried, as of `addable`.
     found : Diagnosis or None
         Of the model and its fit; its starts and its noise level are used. None where there is none: the fit's are.
     progress : callable, optional
+        Called with a sentence before each stage.
 
     Returns
     -------
@@ -220,10 +235,13 @@ def improve(dataset, model=None, seed=0, progress=None):
     Parameters
     ----------
     dataset : Dataset
+        Its fit part is searched, and its held-out part told about.
     model : Model, optional
         The study's model by default.
     seed : int
+        Of all draws, so that an answer can be had again.
     progress : callable, optional
+        Called with a sentence before each stage.
 
     Returns
     -------
@@ -257,10 +275,15 @@ def diagnosed(dataset, model, fit, seed=0, progress=None):
     Parameters
     ----------
     dataset : Dataset
+        Its fit part is searched, and its held-out part told about.
     model : Model
+        Of the data set's rig, with the effects that are in by now.
     fit : Fit
+        Of that model.
     seed : int
+        Of all draws, so that an answer can be had again.
     progress : callable, optional
+        Called with a sentence before each stage.
 
     Returns
     -------

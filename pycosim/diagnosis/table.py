@@ -36,7 +36,9 @@ class Candidate:
     Attributes
     ----------
     effect : Effect
+        Of the library, or of the study's own files.
     place : Place
+        One component, or a pair, where the effect hangs.
     grid : dict of str to float
         Values of the coefficients that vanish with the effect.
     parts : list of list of int
@@ -80,6 +82,7 @@ def grids(effect, scan_values):
     Parameters
     ----------
     effect : Effect
+        Of the library, or of the study's own files.
     scan_values : dict of str to ndarray
         Values to try, by kind of grid; see `Table.scan_values`.
 
@@ -98,10 +101,13 @@ class Table:
     Parameters
     ----------
     dataset : Dataset
+        Gives samples and signals.
     model : Model
         With the effects accepted so far.
     fit : Fit
+        Of the model; columns are derivatives at its values.
     part : str
+        ``"fit"``, ``"test"``, ``"all"``, or numbers of blocks.
     """
 
     def __init__(self, dataset, model, fit, part="fit"):
@@ -152,6 +158,7 @@ class Table:
         Parameters
         ----------
         values : ndarray, shape (channels, all samples of the part)
+            In any unit.
 
         Returns
         -------
@@ -165,7 +172,9 @@ class Table:
         Parameters
         ----------
         count : int
+            How many residuals are drawn.
         seed : int
+            Of the zeros of the instruments.
 
         Returns
         -------
@@ -196,7 +205,9 @@ class Table:
         Parameters
         ----------
         effect : Effect
+            Of the library, or of the study's own files.
         component : str
+            Of the rig, as ``s1A``.
         term : int, optional
             Number of the residual's term; its samples are thinned like the table.
         partner : str, optional
@@ -285,6 +296,7 @@ class Table:
         Parameters
         ----------
         component : str
+            Of the rig, as ``s1A``.
 
         Returns
         -------
@@ -300,6 +312,7 @@ class Table:
         Parameters
         ----------
         component : str
+            Of the rig, as ``s1A``.
 
         Returns
         -------
@@ -348,6 +361,7 @@ class Table:
         Parameters
         ----------
         component : str
+            Of the rig, as ``s1A``.
 
         Returns
         -------
@@ -405,6 +419,7 @@ class Table:
         Parameters
         ----------
         effect : Effect
+            Of the library, or of the study's own files.
 
         Returns
         -------
@@ -418,6 +433,7 @@ class Table:
         Parameters
         ----------
         contribution : Contribution
+            Of one effect, as `contribution` gives it.
 
         Returns
         -------
@@ -431,7 +447,9 @@ class Table:
         Parameters
         ----------
         contribution : Contribution
+            Of one effect, as `contribution` gives it.
         place : Place
+            Of the effect, with its components.
         grid : dict of str to float
             Values of the coefficients that vanish with the effect.
         parts : list of list of int
@@ -469,7 +487,9 @@ class Table:
         Parameters
         ----------
         contribution : Contribution
+            Of one effect, as `contribution` gives it.
         component : str
+            Of the rig, as ``s1A``.
         grid : dict of str to float
             Values of the coefficients that vanish with the effect.
         partner : str, optional

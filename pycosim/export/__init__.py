@@ -58,6 +58,7 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     Raises
     ------
     ExportError, StudyError
+        The rig has no such export, a tool for it is missing, or an option does not fit.
     """
     from .description import c_name, describe, values
     from .document import to_dict

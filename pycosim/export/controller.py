@@ -86,6 +86,7 @@ def export_block(block, folder, fmi=2, platforms="host", name=None):
     Raises
     ------
     ExportError
+        It cannot be built for a platform, or does not pass its check.
     """
     plant = describe_block(block, name)
     path = Path(folder) / f"{plant.name}_fmi{fmi}.fmu"

@@ -514,6 +514,7 @@ class Fitted(Recorded):
         Raises
         ------
         PlanError
+            The limits leave no experiment, or nothing can be learnt.
         """
         return Plan.made(self.project, self.study, self.model, self.dataset, self.solution, goal, budget, rate,
                          criterion, between)
@@ -582,6 +583,7 @@ class Fitted(Recorded):
         Raises
         ------
         StudyError
+            The file is the given study, or cannot be written.
         """
         from .project import saved
         if Path(path).suffix == ".json":

@@ -486,6 +486,7 @@ class Project(Shown):
         Raises
         ------
         ExportError, StudyError
+            The rig has no such export, a tool for it is missing, or an option does not fit.
         """
         return exported(self.study, self.model, folder, to, fmi, kinds, platforms, real, self_contained)
 
@@ -504,6 +505,7 @@ class Project(Shown):
         Raises
         ------
         StudyError
+            The file is the given study, or cannot be written.
         """
         return saved(self.study, self.study, path)
 

@@ -19,6 +19,7 @@ def fall(before, after):
     Parameters
     ----------
     before, after : dict of str to float
+        RMSE of each channel in its unit.
 
     Returns
     -------
@@ -33,7 +34,9 @@ def experiment(library, finding, most=None):
     Parameters
     ----------
     library : Library
+        Knows the effects' descriptions, and what each needs of a log.
     finding : Finding
+        A candidate of a diagnosis.
     most : int, optional
         Experiments that are named; the candidate's own comes first. All by default.
 
@@ -59,7 +62,9 @@ def sentence(library, finding, error):
     Parameters
     ----------
     library : Library
+        Knows the effects' descriptions, and what each needs of a log.
     finding : Finding
+        A candidate of a diagnosis.
     error : dict of str to float
         Before it is added.
 
@@ -93,6 +98,7 @@ def chance(p):
     Parameters
     ----------
     p : float
+        From 0 to 1.
 
     Returns
     -------
@@ -112,6 +118,7 @@ def certainty(p):
     Parameters
     ----------
     p : float
+        From 0 to 1.
 
     Returns
     -------
@@ -129,7 +136,9 @@ def variable(library, finding):
     Parameters
     ----------
     library : Library
+        Knows the effects' descriptions, and what each needs of a log.
     finding : Finding
+        A candidate of a diagnosis.
 
     Returns
     -------

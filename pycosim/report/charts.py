@@ -38,12 +38,15 @@ class Chart:
     Attributes
     ----------
     id : str
+        Name of the element on the page, and of its file of numbers.
     title : str
+        Above the chart.
     caption : str
         What it shows, in words that stand for it where it cannot be seen.
     traces : list of dict
         Values as NumPy arrays or lists.
     layout : dict
+        Plotly's, without colours of a scheme.
     choice : str
         Its name among those of the same title, of which one is shown at a time.
     over : tuple of str
@@ -122,6 +125,7 @@ def encoded(value):
     Parameters
     ----------
     value : object
+        Of a figure of Plotly; arrays of NumPy at any depth.
 
     Returns
     -------
@@ -310,6 +314,7 @@ def chart(plot):
     Parameters
     ----------
     plot : Plot or None
+        Described without a library, as of `drawings`.
 
     Returns
     -------

@@ -19,6 +19,7 @@ def size(dataset, before, after, key):
     Parameters
     ----------
     dataset : Dataset
+        Its logs and limits tell what is usual and what is rated.
     before, after : (Model, Fit)
         Without the effect, and with it.
     key : (str, str)
@@ -65,6 +66,7 @@ def rated(dataset, name):
     Parameters
     ----------
     dataset : Dataset
+        Its logs and limits tell what is usual and what is rated.
     name : str
         Variable or channel, as ``motor1.tau``.
 
@@ -88,7 +90,9 @@ def logged(dataset, variable):
     Parameters
     ----------
     dataset : Dataset
+        Its logs and limits tell what is usual and what is rated.
     variable : str
+        Of the rig, as ``motor1.tau``.
 
     Returns
     -------
@@ -113,6 +117,7 @@ def errors_of_rated(dataset, error):
     Parameters
     ----------
     dataset : Dataset
+        Its logs and limits tell what is usual and what is rated.
     error : dict of str to float
         By channel.
 
@@ -131,7 +136,9 @@ def words_of_effect(library, effect):
     Parameters
     ----------
     library : Library
+        Has the effect's description.
     effect : str
+        Its name, as ``stribeck``.
 
     Returns
     -------

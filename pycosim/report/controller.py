@@ -28,6 +28,7 @@ def feedforward(dataset, first, last):
     Parameters
     ----------
     dataset : Dataset
+        The motion of its logs is what the controller has to follow.
     first, last : (Model, Fit)
         As given, and improved.
 
@@ -84,6 +85,7 @@ def changes(dataset, first, last):
     Parameters
     ----------
     dataset : Dataset
+        The motion of its logs is what the controller has to follow.
     first, last : (Model, Fit)
         As given, and improved.
 
@@ -117,6 +119,7 @@ def closed_loop(dataset, first, last):
     Parameters
     ----------
     dataset : Dataset
+        The motion of its logs is what the controller has to follow.
     first, last : (Model, Fit)
         As given, and improved.
 
@@ -191,6 +194,7 @@ def table(dataset, found):
     Parameters
     ----------
     dataset : Dataset
+        The motion of its logs is what the controller has to follow.
     found : dict
         Of `changes`.
 
@@ -244,6 +248,7 @@ def told(dataset, found):
     Parameters
     ----------
     dataset : Dataset
+        The motion of its logs is what the controller has to follow.
     found : dict
         Of `changes`.
 

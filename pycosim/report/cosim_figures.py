@@ -42,6 +42,8 @@ def write_log(folder, done):
     Parameters
     ----------
     folder : path
+        There already; ``figures/`` is made in it.
     done : Cosimulation
+        Its log is drawn, with the units of its description.
     """
     save(over_time(done.log, {n: c["unit"] for n, c in done.description["columns"].items()}), folder / "figures", "log")

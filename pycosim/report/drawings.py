@@ -50,7 +50,9 @@ def axis(dataset, name, **more):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     name : str
+        As tables call it.
     **more
         Attributes of `Axis`.
 
@@ -70,6 +72,7 @@ def channel_name(channel):
     Parameters
     ----------
     channel : str
+        As ``C_H``, or ``C_H_pair`` of half differences.
 
     Returns
     -------
@@ -98,6 +101,7 @@ def angles(dataset):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
 
     Returns
     -------
@@ -117,6 +121,7 @@ def manoeuvres(dataset):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
 
     Returns
     -------
@@ -167,6 +172,7 @@ def still_directions(dataset):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
 
     Returns
     -------
@@ -209,6 +215,7 @@ def timeline(dataset, models, names=NAMES, window=None):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     models : list of (Model, Fit)
         One or two.
     names : sequence of str
@@ -242,8 +249,11 @@ def worst_window(dataset, model, fit, margin=0.02):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model.
     margin : float
         What is added at either end, as a share of the set.
 
@@ -359,10 +369,13 @@ def groups(dataset, models, floor, names=NAMES):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     models : list of (Model, Fit)
+        Those that are compared, the base model first.
     floor : dict of str to float
         Noise floor of each channel.
     names : sequence of str
+        What each model is called in the legend.
 
     Returns
     -------
@@ -416,8 +429,11 @@ def where_it_fails(dataset, model, fit, floor):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model.
     floor : dict of str to float
         Noise floor of each channel.
 
@@ -437,8 +453,11 @@ def maps(dataset, models, names=NAMES):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     models : list of (Model, Fit)
+        Those that are compared, the base model first.
     names : sequence of str
+        What each model is called in the legend.
 
     Returns
     -------
@@ -462,8 +481,11 @@ def first_maps(dataset, model, fit):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model.
 
     Returns
     -------
@@ -499,6 +521,7 @@ def unexplained(dataset, left):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     left : dict or None
         Of `pycosim.unexplained.unexplained`.
 
@@ -528,10 +551,13 @@ def profiles(dataset, models, floor, names=NAMES, over=None, also=()):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     models : list of (Model, Fit)
+        Those that are compared, the base model first.
     floor : dict of str to float
         Noise floor of each channel.
     names : sequence of str
+        What each model is called in the legend.
     over : sequence of str, optional
         Variables; by default the angles, time since reversal, temperature and time.
     also : sequence of str
@@ -573,8 +599,11 @@ def residuals(dataset, model, fit, floor, over=None, channel=None):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model.
     floor : dict of str to float
         Noise floor of each channel.
     over : str, optional
@@ -623,6 +652,7 @@ def signature(dataset, before, after, key):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are drawn.
     before, after : (Model, Fit)
         Without the effect, and with it.
     key : (str, str)
@@ -660,7 +690,9 @@ def ladder(units, steps, floor):
     units : dict of str to str
         By channel.
     steps : list of Step
+        The base model first.
     floor : dict of str to float
+        Noise floor of the last model, by channel, in the channel's unit.
 
     Returns
     -------
@@ -690,6 +722,7 @@ def candidates(diagnosis, most=10, held_out=None):
     Parameters
     ----------
     diagnosis : Diagnosis
+        Its candidates are drawn, those accepted first.
     most : int
         Candidates to show.
     held_out : dict of str to float, optional

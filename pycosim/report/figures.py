@@ -259,6 +259,7 @@ def figure(plot):
     Parameters
     ----------
     plot : Plot or None
+        Described without a library, as of `drawings`.
 
     Returns
     -------
@@ -339,9 +340,13 @@ def write_comparison(folder, dataset, model, fit, other=None, save=save):
     Parameters
     ----------
     folder : Path
+        There already; ``figures/`` is made in it.
     dataset : Dataset
+        Its samples are drawn.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model.
     other : (Model, Fit), optional
         A second model to draw over time.
     save : callable, optional
@@ -367,8 +372,11 @@ def write_figures(folder, dataset, improvement, save=save):
     Parameters
     ----------
     folder : Path
+        There already; ``figures/`` is made in it.
     dataset : Dataset
+        Its samples are drawn.
     improvement : Improvement
+        Its steps and its last diagnosis are drawn.
     save : callable, optional
         As of `write_comparison`.
     """

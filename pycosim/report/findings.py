@@ -11,6 +11,7 @@ def sentence(finding):
     Parameters
     ----------
     finding : Finding
+        Of a check.
 
     Returns
     -------
@@ -34,6 +35,7 @@ def told(checked):
     Parameters
     ----------
     checked : Checked
+        Of a study's logs.
 
     Returns
     -------
@@ -49,6 +51,7 @@ def every(checked):
     Parameters
     ----------
     checked : Checked
+        Of a study's logs.
 
     Returns
     -------
@@ -77,7 +80,9 @@ def refuse(study, checked):
     Parameters
     ----------
     study : Study
+        Named in the refusal, with the line that would go on all the same.
     checked : Checked
+        Of a study's logs.
 
     Raises
     ------

@@ -32,6 +32,7 @@ class Folder:
         Where the results go; missing parents are made. Earlier results of the same verb are replaced whole; results of
         other verbs, and what the user added to a result folder, stay.
     verb : str
+        Its earlier files may be replaced.
     given : path, optional
         The study, which must not be replaced.
     writes : sequence of str
@@ -100,6 +101,7 @@ class Folder:
         Parameters
         ----------
         name : str
+            Within the folder, as ``parameters.json``.
 
         Returns
         -------
@@ -113,12 +115,14 @@ class Folder:
         Parameters
         ----------
         name : str
+            Within the folder, as ``parameters.json``.
         content : str or dict
             Text, or a result for JSON.
 
         Raises
         ------
         FolderError
+            The file cannot be written.
         """
         with _folder_errors(self.path):
             self.file(name).write_text(content if isinstance(content, str) else to_json(content), encoding="utf-8")

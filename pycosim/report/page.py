@@ -42,7 +42,9 @@ class Page:
     Parameters
     ----------
     dataset : Dataset
+        The logs that were searched.
     improvement : Improvement
+        The search that is told.
     command : str
         What makes this page again.
     checked : Checked, optional
@@ -332,7 +334,9 @@ def write_report(path, dataset, improvement, command, checked=None):
     path : Path
         The HTML file.
     dataset : Dataset
+        The logs that were searched.
     improvement : Improvement
+        The search that is told.
     command : str
         What makes this page again.
     checked : Checked, optional
@@ -356,6 +360,7 @@ def write_numbers(folder, drawn):
     folder : Path
         Made where it is missing.
     drawn : list of Chart
+        Each with what it draws as columns of numbers.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for chart in drawn:

@@ -28,6 +28,7 @@ def workspace(ws):
     Parameters
     ----------
     ws : Workspace
+        Workspace of the rig within the study's limits.
 
     Returns
     -------
@@ -72,6 +73,7 @@ def domains(ws):
     Parameters
     ----------
     ws : Workspace
+        Workspace of the rig within the study's limits.
 
     Returns
     -------
@@ -97,6 +99,7 @@ def motion(plan):
     Parameters
     ----------
     plan : Plan
+        Planned, not loaded: it holds the rig.
 
     Returns
     -------
@@ -130,6 +133,7 @@ def intervals(plan):
     Parameters
     ----------
     plan : Plan
+        Planned, not loaded: it holds the rig.
 
     Returns
     -------
@@ -156,7 +160,9 @@ def write_plan(folder, plan):
     Parameters
     ----------
     folder : Path
+        There already; ``figures/`` is made in it.
     plan : Plan
+        Planned, not loaded: it holds the rig.
     """
     ws = plan.known.workspace
     for plot in (workspace(ws), domains(ws), motion(plan), intervals(plan)):

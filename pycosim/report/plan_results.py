@@ -22,6 +22,7 @@ def plan(found):
     Parameters
     ----------
     found : Plan
+        As planned, with what is known of the rig.
 
     Returns
     -------
@@ -89,6 +90,7 @@ def doubts(found):
     Parameters
     ----------
     found : Plan
+        As planned, with what is known of the rig.
 
     Returns
     -------

@@ -51,6 +51,7 @@ def curve(k, **more):
     Parameters
     ----------
     k : int
+        From 0; after the last look the first comes again.
     **more
         Attributes of `Look`.
 
@@ -68,6 +69,7 @@ class Axis:
     Attributes
     ----------
     words : str
+        What it shows, without the unit.
     unit : str
         Empty or ``1`` for a number without unit.
     names : sequence of str
@@ -230,7 +232,9 @@ class Panel:
     Attributes
     ----------
     x, y : Axis
+        Of all marks in the panel.
     marks : list
+        Drawn in this order, the last on top.
     title : str
         Where several panels show the same of different things.
     equal : bool
@@ -262,7 +266,9 @@ class Plot:
     Attributes
     ----------
     id : str
+        Name of its files and of its element on a page.
     title : str
+        A line above all panels.
     caption : str
         What it shows, in words that stand for it where it cannot be seen.
     columns : list of list of Panel
@@ -313,6 +319,7 @@ def beside(plots, title, **told):
     plots : list of Plot
         Of one panel each.
     title : str
+        Of the plot that comes out.
     **told
         Further attributes of the whole.
 

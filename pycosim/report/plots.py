@@ -41,6 +41,7 @@ def handed(plot: Any, none: str = "there is nothing to draw") -> Any:
     Raises
     ------
     PlotError
+        There is nothing to draw.
     """
     figure = figures.figure(plot)
     if figure is None:
@@ -114,6 +115,7 @@ class FitPlots:
         Raises
         ------
         UnknownNameError
+            No such channel or variable; the nearest is named.
         """
         if channel is not None and channel not in self._dataset.channels:
             raise UnknownNameError(f"no channel '{channel}'{closest(channel, self._dataset.channels)}")

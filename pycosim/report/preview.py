@@ -15,6 +15,7 @@ def columns(proposal):
     Parameters
     ----------
     proposal : Proposal
+        Its sample is drawn.
 
     Returns
     -------

@@ -29,6 +29,7 @@ def plain(value):
     Parameters
     ----------
     value : object
+        Of any depth.
 
     Returns
     -------
@@ -55,6 +56,7 @@ def to_json(value):
     Parameters
     ----------
     value : dict
+        Plain, or with NumPy's types in it.
 
     Returns
     -------
@@ -69,9 +71,11 @@ def parameters(fit, model, seed):
     Parameters
     ----------
     fit : Fit
+        Its free parameters, intervals and undetermined directions are told.
     model : Model or Calibration
         What was fitted.
     seed : int
+        That the verb ran with.
 
     Returns
     -------
@@ -104,6 +108,7 @@ def diagnosis(found, dataset):
     Parameters
     ----------
     found : Diagnosis
+        Findings, noise floor, and what was tried.
     dataset : Dataset
         That was diagnosed.
 
@@ -134,6 +139,7 @@ def diagnosis_of(record):
     Parameters
     ----------
     record : dict
+        As `diagnosis` gives it, or a file holds it.
 
     Returns
     -------
@@ -174,6 +180,7 @@ def ladder(steps, dataset):
     steps : list of Step
         Of an `Improvement`.
     dataset : Dataset
+        Its logs were searched.
 
     Returns
     -------
@@ -216,6 +223,7 @@ def confirmation(found, replay, units):
     Parameters
     ----------
     found : list of Confirmation
+        In the order of the study.
     replay : dict
         ``before`` and ``after`` the effects, errors of the exported FMU; ``why`` there are none.
     units : dict of str to str
@@ -236,8 +244,11 @@ def improved_study(study, model, fit):
     Parameters
     ----------
     study : Study
+        As given; it is not changed.
     model : Model
+        Its effects are the study's from then on.
     fit : Fit
+        Its values become the study's.
 
     Returns
     -------

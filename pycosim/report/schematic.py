@@ -100,6 +100,7 @@ def components(model, place):
     Parameters
     ----------
     model : Model
+        Of the rig that is drawn.
     place : str
         As ``1A``, ``1A+2A``, ``knee``, ``system`` or the name of a channel.
 
@@ -138,6 +139,7 @@ def component_of(model, channel):
     Parameters
     ----------
     model : Model
+        Of the rig that is drawn.
     channel : str
         As ``C_H``, ``tau``, ``motor.tau`` or ``C_H_pair``.
 
@@ -157,7 +159,9 @@ def upstream(model, place):
     Parameters
     ----------
     model : Model
+        Of the rig that is drawn.
     place : str
+        As ``2A`` or ``joint``.
 
     Returns
     -------
@@ -183,7 +187,9 @@ def named(model, channels):
     Parameters
     ----------
     model : Model
+        Of the rig that is drawn.
     channels : dict of str to float
+        A value of each, as its error.
 
     Returns
     -------
@@ -205,6 +211,7 @@ def marked(model, effects, alternatives=()):
     Parameters
     ----------
     model : Model
+        Of the rig that is drawn.
     effects, alternatives : sequence of (str, str)
         Effects and places.
 
@@ -234,6 +241,7 @@ def coloured(model, error, units):
     Parameters
     ----------
     model : Model
+        Of the rig that is drawn.
     error : dict of str to float
         By channel.
     units : dict of str to str
@@ -574,6 +582,7 @@ def figure(model, **options):
     Parameters
     ----------
     model : Model
+        Of the rig that is drawn.
     **options
         Of `schematic`.
 
@@ -596,7 +605,9 @@ def write_schematic(path, model, **options):
     Parameters
     ----------
     path : path
+        An SVG file.
     model : Model
+        Of the rig that is drawn.
     **options
         Of `schematic`.
     """

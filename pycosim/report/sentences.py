@@ -51,6 +51,7 @@ def labelled(name, unit):
     Parameters
     ----------
     name, unit : str
+        Of a quantity; unit ``1`` for a number without one.
 
     Returns
     -------
@@ -84,6 +85,7 @@ def coefficient_text(name, c):
     Parameters
     ----------
     name : str
+        As ``fs``.
     c : dict
         ``value``, ``unit`` and ``ci95``, as in ``diagnosis.json``.
 
@@ -105,6 +107,7 @@ def joined(names):
     Parameters
     ----------
     names : iterable of str
+        In the order that they are to be read.
 
     Returns
     -------
@@ -121,6 +124,7 @@ def summary_data(dataset):
     Parameters
     ----------
     dataset : Dataset
+        Its logs, and what was left out of them, are told.
 
     Returns
     -------
@@ -150,6 +154,7 @@ def summary_doubt(dataset, fit):
     Parameters
     ----------
     dataset : Dataset
+        Its logs, and what was left out of them, are told.
     fit : Fit
         Of the base model.
 
@@ -175,6 +180,7 @@ def aligned(rows):
     Parameters
     ----------
     rows : list of sequence of str
+        Cells; all rows have as many, the last column is not filled up.
 
     Returns
     -------
@@ -261,6 +267,7 @@ def percent(share, sign=""):
     Parameters
     ----------
     share : float
+        1 for all of it.
     sign : str
         ``+`` to write the sign of what is not below zero as well.
 
@@ -308,6 +315,7 @@ def summary_first_look(error, floor, told, likely, units):
     likely : list of Likely
         Effects that would take most off the error, most first.
     units : dict of str to str
+        By channel.
 
     Returns
     -------
@@ -364,6 +372,7 @@ def smallest_text(entries, most=4):
     entries : list of dict
         ``smallest_detectable`` of ``diagnosis.json``.
     most : int
+        Effects to name.
 
     Returns
     -------

@@ -46,8 +46,11 @@ def outputs(dataset, model, fit):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are evaluated.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model; its values are used.
 
     Returns
     -------
@@ -63,6 +66,7 @@ def ideal(dataset):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are evaluated.
 
     Returns
     -------
@@ -86,8 +90,11 @@ def residual_of(dataset, model, fit, parameters=None, part="all", most=None):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are evaluated.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model; its values are used.
     parameters : dict of str to float, optional
         Values to use instead of the fitted ones.
     part : str
@@ -115,9 +122,13 @@ def sampled(dataset, model, fit, part="all"):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are evaluated.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model; its values are used.
     part : str
+        ``"fit"``, ``"test"``, ``"all"``, or numbers of blocks.
 
     Returns
     -------
@@ -138,6 +149,7 @@ def envelope(time, values, pixels=PIXELS):
     time, values : ndarray, shape (n,)
         NaN where there is no value.
     pixels : int
+        Across the plot.
 
     Returns
     -------
@@ -167,6 +179,7 @@ def binned(x, y, count=BINS):
     Parameters
     ----------
     x, y : ndarray, shape (n,)
+        In any units.
     count : int
         Number of bins.
 
@@ -189,6 +202,7 @@ def passes(dataset):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are evaluated.
 
     Returns
     -------
@@ -211,7 +225,9 @@ def explained_share(values, residual, forward):
     values : ndarray, shape (n,)
         Of the variable.
     residual : ndarray, shape (channels, n)
+        Measured minus modelled, in the channels' units.
     forward : ndarray of bool, shape (n,)
+        Samples of the one direction; the others are of the other.
 
     Returns
     -------
@@ -234,6 +250,7 @@ def direction(residual, known):
     Parameters
     ----------
     residual : ndarray, shape (channels, n)
+        Measured minus modelled, in the channels' units.
     known : dict of str to ndarray, shape (n,)
         As `pycosim.diagnosis.dependence.explanations` gives them.
 
@@ -257,7 +274,9 @@ def signature_values(dataset, before, after, key):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are evaluated.
     before, after : (Model, Fit)
+        Without the effect, and with it.
     key : (str, str)
         Effect and place.
 
@@ -343,7 +362,9 @@ def torque_at(dataset, before, after, key):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are evaluated.
     before, after : (Model, Fit)
+        Without the effect, and with it.
     key : (str, str)
         Effect and place.
 
@@ -377,6 +398,7 @@ def clock(dataset):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are evaluated.
 
     Returns
     -------
@@ -399,8 +421,11 @@ def residual_over_time(dataset, model, fit):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are evaluated.
     model : Model
+        That was fitted.
     fit : Fit
+        Of that model; its values are used.
 
     Returns
     -------
@@ -421,7 +446,9 @@ def stretches(time, codes, shortest=0.0):
     Parameters
     ----------
     time : ndarray, shape (n,)
+        [s]
     codes : ndarray, shape (n,)
+        Anything that can be compared, as labels.
     shortest : float
         Stretches that do not last longer are left out [s].
 
@@ -441,6 +468,7 @@ def planes(dataset, known):
     Parameters
     ----------
     dataset : Dataset
+        Its samples are evaluated.
     known : dict of str to ndarray
         As `pycosim.diagnosis.dependence.explanations` gives them.
 
@@ -461,7 +489,9 @@ def residual_map(x, y, residual):
     Parameters
     ----------
     x, y : ndarray, shape (n,)
+        Variables of the plane at the samples of the residual, SI.
     residual : ndarray, shape (channels, n)
+        Measured minus modelled, in the channels' units.
 
     Returns
     -------

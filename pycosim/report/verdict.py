@@ -24,7 +24,9 @@ class Verdict:
     Parameters
     ----------
     dataset : Dataset
+        The logs that were searched.
     found : Improvement
+        The search, with its steps and its last diagnosis.
     first, last : dict
         ``diagnosis.json`` and ``diagnosis_final.json``.
     parameters : dict

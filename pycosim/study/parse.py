@@ -105,6 +105,7 @@ class Source:
         Raises
         ------
         StudyError
+            There is one; the line and the nearest known key are named.
         """
         for key in table:
             if key not in known:
@@ -135,6 +136,7 @@ class Source:
         Raises
         ------
         StudyError
+            It is of another type, or infinite.
         """
         if key not in table:
             return default
@@ -156,7 +158,7 @@ class Source:
         key : str
             Of the table.
         known : sequence of str
-            The words; the nearest is named where it is none of them.
+            The words that a study may have there.
         where : str
             Place in the file.
         default : str or None
@@ -169,6 +171,7 @@ class Source:
         Raises
         ------
         StudyError
+            It is none of them; all are named.
         """
         value = self.take(table, key, str, where, default)
         if value is not default and value not in known:

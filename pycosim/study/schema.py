@@ -368,6 +368,7 @@ class Study:
         BoundsError
             A value outside the bounds of its Modelica parameter.
         ModelicaError
+            The rig, or an effect's file, cannot be compiled.
         """
         try:
             library.find(self.rig)
@@ -414,6 +415,7 @@ def check_parameter(study, name, setting, known):
     UnknownNameError
         With the closest name that there is.
     BoundsError
+        Its value, or the rig's default, is outside the bounds, or they leave nothing to fit.
     """
     if name not in known:
         raise UnknownNameError(f"{study.path}: no parameter '{name}' in {study.rig}{closest(name, known)}")
@@ -454,6 +456,7 @@ def check_column(study, name, column, known):
     UnknownNameError
         No such variable, or a unit that does not fit it.
     StudyError
+        It has a torque constant, and its variable is no torque.
     """
     where = f"{study.path}: column '{name}'"
     if column.variable not in known:
@@ -495,6 +498,7 @@ def refuse_twice(paths, where):
     Raises
     ------
     StudyError
+        One of them is.
     """
     for path in paths:
         if paths.count(path) > 1:

@@ -136,6 +136,32 @@ def lacking(node):
     return lacks + ([section] if section and f"{section}\n-" not in text else [])
 
 
+def unsaid(node):
+    """Entries of a docstring that name a thing and its type, and say nothing of it.
+
+    What is returned may be told by the docstring's first line.
+    """
+    lines, section, found = (ast.get_docstring(node) or "").splitlines(), None, []
+    for line, below in zip(lines, [*lines[1:], ""]):
+        if re.fullmatch(r"-{3,}", below):
+            section = line
+        elif section in ("Parameters", "Attributes", "Raises", "Yields") and re.match(r"[^\s-]", line):
+            found += [] if below.startswith("    ") else [line]
+    return found
+
+
+def test_an_entry_without_a_sentence_is_seen():
+    text = "One.\n\nParameters\n----------\na : int\nb : int\n    Said.\n\nReturns\n-------\nint\n\nRaises\n------\nE\n"
+    node = ast.parse(f"def f(a, b):\n    {text!r}\n").body[0]
+    assert unsaid(node) == ["a : int", "E"]
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_every_entry_of_a_docstring_has_a_sentence(path):
+    found = {name: unsaid(node) for name, node in public(path)}
+    assert not {name: entries for name, entries in found.items() if entries}
+
+
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_public_names_say_what_goes_in_and_what_comes_out(path):
     assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), "the module's first line"
