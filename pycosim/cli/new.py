@@ -125,20 +125,17 @@ def write(path, text, library):
     PycosimError
         The study does not hold.
     """
+    from ..core.whole import write_whole
     from ..report.folder import FolderError
     from ..study.parse import load_study
     made, folder = [], path.parent
-    temporary = folder / f".{path.name}.{os.getpid()}"
     try:
         for parent in [*reversed(folder.absolute().parents), folder.absolute()]:
             if not parent.is_dir():
                 parent.mkdir()
                 made.insert(0, parent)
-        temporary.write_text(text, encoding="utf-8")
-        load_study(temporary).validate(library)
-        os.replace(temporary, path)
+        write_whole(path, text, lambda written: load_study(written).validate(library))
     except BaseException as error:
-        temporary.unlink(missing_ok=True) if folder.is_dir() else None
         for parent in made:
             parent.rmdir()
         if isinstance(error, OSError):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
+
+from .whole import write_whole
 
 
 def folder():
@@ -77,11 +79,6 @@ def remember(kind, key, make, dump, load):
         return load(path.read_bytes())
     except Exception:  # missing, or written by another version: make it again
         value = make()
-    try:
-        handle, temporary = tempfile.mkstemp(dir=place)
-        with os.fdopen(handle, "wb") as file:
-            file.write(dump(value))
-        os.replace(temporary, path)
-    except OSError:
-        pass
+    with suppress(OSError):  # without a cache all is as right, only slower
+        write_whole(path, dump(value))
     return value

@@ -136,6 +136,7 @@ def write_archive(path, files, first, check):
     ExportError
         The file cannot be written.
     """
+    # not `core.whole`: an importer goes by the ending, and an archive is written part by part
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=path.suffix)
     try:
         with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -17,6 +17,7 @@ from jinja2 import Environment, FileSystemLoader
 
 from .. import __version__
 from ..compile import compile_model, find_effect
+from ..core.whole import write_whole
 from ..data.frames import Frame
 from ..diagnosis.compare import worded
 from ..diagnosis.scores import LEVEL
@@ -348,7 +349,7 @@ def write_report(path, dataset, improvement, command, checked=None):
         What is drawn on it.
     """
     page = Page(dataset, improvement, command, checked)
-    path.write_text(page.html(), encoding="utf-8")
+    write_whole(path, page.html())
     return page.charts
 
 

@@ -56,15 +56,17 @@ def test_a_library_is_shared_until_a_text_changes(tmp_path):
     assert "Mine" in shared_library([file]).walk() and "Mine" not in first.walk()
 
 
-def test_what_the_cache_keeps_is_forgotten_when_any_source_changes(tmp_path):
+def test_what_the_cache_keeps_is_forgotten_when_any_source_changes(tmp_path, monkeypatch):
     """A helper of an effect's equation stands in another room than the compiler."""
     for room in ("core", "data"):
-        (tmp_path / room).mkdir()
-    (tmp_path / "core" / "cache.py").write_text(Path(cache.__file__).read_text())
-    spec = importlib.util.spec_from_file_location("its_cache", tmp_path / "core" / "cache.py")
+        (tmp_path / "its" / room).mkdir(parents=True)
+    for name in ("cache.py", "whole.py"):
+        (tmp_path / "its" / "core" / name).write_text(Path(cache.__file__).with_name(name).read_text())
+    monkeypatch.syspath_prepend(tmp_path)
+    spec = importlib.util.spec_from_file_location("its.core.cache", tmp_path / "its" / "core" / "cache.py")
     keys = []
     for text in ("a = 1\n", "a = 2\n", "a = 1\n"):
-        (tmp_path / "data" / "helper.py").write_text(text)
+        (tmp_path / "its" / "data" / "helper.py").write_text(text)
         its = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(its)
         keys.append(its.digest("the same model"))
