@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from .project import Check as Check
     from .project import Comparison as Comparison
     from .project import Confirmation as Confirmation
+    from .project import Cosimulation as Cosimulation
     from .project import Diagnosis as Diagnosis
+    from .project import Draws as Draws
     from .project import Fitted as Fitted
     from .project import Parameter as Parameter
     from .project import Plan as Plan
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from .project import Search as Search
     from .project import Step as Step
     from .project import calibrate as calibrate
+    from .project import cosimulate as cosimulate
     from .project import open_project as open  # noqa: F401
 
 __version__ = "0.1.0"
@@ -39,7 +42,9 @@ _NAMES = {
     "Check": ("project", "Check"),
     "Comparison": ("project", "Comparison"),
     "Confirmation": ("project", "Confirmation"),
+    "Cosimulation": ("project", "Cosimulation"),
     "Diagnosis": ("project", "Diagnosis"),
+    "Draws": ("project", "Draws"),
     "Fitted": ("project", "Fitted"),
     "Parameter": ("project", "Parameter"),
     "Plan": ("project", "Plan"),
@@ -49,6 +54,7 @@ _NAMES = {
     "Search": ("project", "Search"),
     "Step": ("project", "Step"),
     "calibrate": ("project", "calibrate"),
+    "cosimulate": ("project", "cosimulate"),
     "open": ("project", "open_project"),
 }
 __all__ = [*_NAMES, "__version__"]

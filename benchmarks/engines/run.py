@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+import pycosim as pc
 from benchmarks.engines.machines import four_legs, on_links, steps
 from pycosim.compile import Library
-from pycosim.data.dataset import Dataset
 from pycosim.dynamics.simulate import dynamics, simulate
 from pycosim.export import build, mujoco_plugin
 from pycosim.export.cpp import cpp_source
@@ -28,7 +28,6 @@ from pycosim.export.description import describe, values
 from pycosim.export.jax_drive import jax_source
 from pycosim.export.law import drive_law
 from pycosim.export.mujoco import to_mjcf
-from pycosim.fit.least_squares import fit
 from pycosim.study.parse import load_study
 from pycosim.study.schema import Setting, Study
 
@@ -56,8 +55,8 @@ def machine(rig):
 def servo():
     """The XL330 with the load-dependent friction that its logs identify: study, model, values, law, fit."""
     study = replace(load_study(SERVO), effects=[("load_dependence", "gear")])
-    model = study.validate(LIBRARY)
-    found = fit(Dataset(study, LIBRARY), model)
+    fitted = pc.open(study).fit()
+    model, found = fitted.model, fitted.solution
     study = replace(study, parameters={**study.parameters, **{n: Setting(found.parameters[n]) for n in found.free}})
     known = values(study, model)
     return study, model, known, drive_law(model, known), found

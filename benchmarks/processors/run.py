@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+import pycosim as pc
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects import machine as rig
 from pycosim.core.executors import each
@@ -100,11 +101,7 @@ def answer(folder):
         ``verdict``, ``added`` (effect@place, in order), ``left`` (the last verdict): what must not change; besides,
         ``alternatives`` of each step, ``errors`` and ``p_values``.
     """
-    from pycosim.compile import Library
-    from pycosim.data.dataset import Dataset
-    from pycosim.diagnosis import search
-    from pycosim.study.parse import load_study
-    found = search.improve(Dataset(load_study(STUDY).with_data(sorted(folder.glob("*.csv"))), Library()))
+    found = pc.open(STUDY, data=sorted(folder.glob("*.csv"))).improve().found
     steps = found.steps[1:]
     return {"verdict": found.first.verdict, "added": ["@".join(s.added) for s in steps], "left": found.last.verdict,
             "alternatives": [sorted("@".join(t.values()) for t in s.finding.twins) for s in steps],

@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pycosim.cosim.master import cosimulate
-from pycosim.project import open_project
+import pycosim as pc
 
 RATIO, SETTLED = 40, 1.0  # of the worm gear; s after which friction has settled
 SCENARIO = """\
@@ -59,14 +58,14 @@ def main(given, improved, plan, folder):
     """
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copy(plan, folder / "plan.csv")
-    made = open_project(improved).export(folder / "fmu")
+    made = pc.open(improved).export(folder / "fmu")
     fmu = next(f for f in made.files if f.endswith(".fmu"))
     print(f"Written: {folder / 'fmu' / fmu}")
     start = pd.read_csv(plan)["motor.phi"].iloc[0]
     for name, study in (("given", given), ("improved", improved)):
         scenario = folder / f"{name}.toml"
         scenario.write_text(SCENARIO.format(known=study.resolve().as_posix(), fmu=f"fmu/{fmu}", start=start))
-        log = cosimulate(scenario).log
+        log = pc.cosimulate(scenario).log
         late = (log["wanted"] - log["actual"])[log["time"] > SETTLED]
         error = 1e3 * np.sqrt(np.mean(late ** 2)) / RATIO
         print(f"Tracking error of the arm with the {name} study: {error:.4f} mrad RMS")

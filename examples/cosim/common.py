@@ -4,8 +4,8 @@ from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
+import pycosim as pc
 from pycosim.compile import Library
-from pycosim.cosim.master import cosimulate
 from pycosim.cosim.scenario import Column, load_scenario
 
 HERE = Path(__file__).parent
@@ -46,4 +46,4 @@ def logged(scenario, rate=1000, **signals):
     """The log of a scenario, some more signals in it (``_`` for the dot before the variable), all without noise."""
     columns = {n: Column(c.signal) for n, c in scenario.columns.items()}
     columns.update({n: Column(tuple(s.split(".", 1))) for n, s in signals.items()})
-    return cosimulate(replace(scenario, log_rate=Fraction(rate), columns=columns), library=LIBRARY).log
+    return pc.cosimulate(replace(scenario, log_rate=Fraction(rate), columns=columns), library=LIBRARY).log

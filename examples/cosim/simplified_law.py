@@ -15,14 +15,13 @@ from common import HERE, IMAGES, T_R, changed, logged
 from draw import simplified as figure
 from draw import write
 
+import pycosim as pc
 from pycosim.compile import ArrayFunction, Library, compile_model
-from pycosim.data.dataset import Dataset
 from pycosim.dynamics.simulate import estimate
 from pycosim.export.description import values
-from pycosim.fit import least_squares
 from pycosim.study.parse import load_study
 
-BINS = 8
+BINS, LAW = 8, HERE / "OutputLoad.mo"
 
 
 def log():
@@ -44,12 +43,10 @@ def asked(model, given, run):
     return estimate(model, signals, run["time"].to_numpy(), given)
 
 
-def fitted(rig, library, run, path):
+def fitted(rig, path):
     """Friction parameters of a law that fit the log best."""
-    study = load_study(HERE.parent / "hip_knee" / "study.toml").with_data([path])
-    study = replace(study, rig=rig, reference="sensor")
-    dataset = Dataset(study, library)
-    fit = least_squares.fit(dataset, study.validate(library))
+    study = load_study(HERE.parent / "hip_knee" / "study.toml")
+    fit = pc.open(replace(study, rig=rig, reference="sensor", modelica=[LAW]), path).fit().solution
     return fit.parameters, fit.error
 
 
@@ -76,13 +73,13 @@ def cost(model, name, wanted):
 
 def main():
     """Measure, tell, draw."""
-    library = Library([HERE / "OutputLoad.mo"])
+    library = Library([LAW])
     full, simple = compile_model(library, "DriveTrain.Rigs.HipKnee"), compile_model(library, "OutputLoad")
     study, run = load_study(HERE / "machine.toml"), log()
     given = {**values(study, full), **PAYLOAD}
     with tempfile.TemporaryDirectory() as folder:
         run.to_csv(Path(folder) / "run.csv", index=False)
-        own = {rig: fitted(rig, library, run, Path(folder) / "run.csv") for rig in (simple.rig, full.rig)}
+        own = {rig: fitted(rig, Path(folder) / "run.csv") for rig in (simple.rig, full.rig)}
     moving = (np.abs(run[["omega1", "omega2"]]).min(axis=1) > 0.02).to_numpy()
     truth = {n: run[n].to_numpy()[moving] for n in ("C_H", "C_K")}
     answers = {"full law": asked(full, given, run), "output torque only": asked(simple, given, run),

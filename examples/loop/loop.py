@@ -16,7 +16,6 @@ import pandas as pd
 
 import pycosim as pc
 from pycosim.compile import Library, component_name
-from pycosim.cosim.master import cosimulate
 from pycosim.cosim.scenario import load_scenario
 from pycosim.report.figures import save
 from pycosim.report.plot import MARKERS, Axis, Level, Line, Look, Panel, Plot, curve
@@ -42,7 +41,7 @@ def experiment(plan, number, out, library):
     parts = {"reference": {"what": str(motion.absolute())}, "plant": {"start": start}}
     scenario = replace(scenario, seed=number, duration=plan.motion.duration, components=[
         replace(c, **parts.get(c.name, {})) for c in scenario.components])
-    log = cosimulate(scenario, library=library).log
+    log = pc.cosimulate(scenario, library=library).log
     held = pd.Series(False, index=log.index)
     for a, b in plan.motion.held_out:
         held |= (log["time"] >= a) & (log["time"] <= b)

@@ -308,8 +308,8 @@ def cosim(arguments, progress):
     Stopped
         At Ctrl-C, after the log up to there and a checkpoint are written.
     """
-    from ..cosim.master import cosimulate
     from ..cosim.scenario import load_scenario
+    from ..project import cosimulate
     from ..report import cosim_figures
     start = time.monotonic()
     scenario = load_scenario(arguments.scenario)
@@ -322,24 +322,25 @@ def cosim(arguments, progress):
     beside = out.with_name(f"{out.name}.checkpoint.zip")
     save = None if arguments.every is None else lambda data: _replace(beside, data)
     with Folder(out, "cosim", scenario.path, WRITES["cosim"]) as folder:
-        done = cosimulate(scenario, arguments.until, resume, progress, save=save, every=arguments.every,
-                          allow_python=arguments.allow_python)
-        folder.write("run.csv", done.text)
-        folder.write("cosim.json", done.description)
-        if done.checkpoint:
-            folder.file("checkpoint.zip").write_bytes(done.checkpoint)
+        found = cosimulate(scenario, arguments.until, resume, arguments.allow_python, progress, save=save,
+                           every=arguments.every)
+        found.to_csv(folder.file("run.csv"))
+        folder.write("cosim.json", found.to_dict())
+        if found.checkpoint:
+            folder.file("checkpoint.zip").write_bytes(found.checkpoint)
         progress("drawing")
-        cosim_figures.write_log(folder.temporary, done)
+        cosim_figures.write_log(folder.temporary, found.done)
     if save:
         beside.unlink(missing_ok=True)  # what is in the folder now goes further
     allowed = f" --allow-python {' '.join(arguments.allow_python)}" if arguments.allow_python else ""
     again = f"pycosim cosim {arguments.scenario} --resume {out / 'checkpoint.zip'}{allowed}"
-    if not done.complete and (arguments.until is None or done.time < arguments.until):
-        raise Stopped(f"interrupted at t = {done.time:g} s; the log up to there is in {out}, to go on: {again}")
+    reached = found.done.time
+    if not found.complete and (arguments.until is None or reached < arguments.until):
+        raise Stopped(f"interrupted at t = {reached:g} s; the log up to there is in {out}, to go on: {again}")
     if arguments.json:
-        return records.to_json(done.description)
-    lines = sentences.summary_cosimulation(done.description)
-    if not done.complete:
+        return records.to_json(found.record)
+    lines = found.sentences
+    if not found.complete:
         lines.append(f"To go on: {again}")
     took = time.monotonic() - start
     return "\n".join([*lines, f"Took {took:.1f} s.", f"Results in {out}: {', '.join(folder.files)}", ""])

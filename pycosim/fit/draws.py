@@ -18,7 +18,7 @@ _SWEEPS = 60  # of Gibbs' sampler; in whitened coordinates a few are enough but 
 _LEAST = 1e-14  # eigenvalue of the scaled covariance, relative, below which it is rounding: a null direction's
 
 
-@dataclass
+@dataclass(frozen=True)
 class Draws:
     """Parameter sets.
 
@@ -37,6 +37,8 @@ class Draws:
     moved : dict of str to tuple of float
         What the bounds made of mean and standard deviation, for each parameter in ``outside``: mean without and with
         them, standard deviation without and with them.
+    own : dict of str to list of str
+        Of a parameter with a value of its own in each run, the names of those values.
     """
 
     names: list

@@ -6,12 +6,15 @@ This is what ``import pycosim`` opens on. Command line, app, demo and benchmarks
 from .calibrated import Calibration, calibrate
 from .checked import Check
 from .confirmed import Confirmation
+from .cosimulated import Cosimulation, cosimulate
 from .diagnosed import Candidate, Candidates, Diagnosis
+from .drawn import Draws
 from .fitted import Comparison, Fitted, Parameter, Parameters
 from .planned import Plan
 from .project import Project, open_project
 from .searched import Search, Step
 from .shown import ResultError
 
-__all__ = ["Calibration", "Candidate", "Candidates", "Check", "Comparison", "Confirmation", "Diagnosis", "Fitted",
-           "Parameter", "Parameters", "Plan", "Project", "ResultError", "Search", "Step", "calibrate", "open_project"]
+__all__ = ["Calibration", "Candidate", "Candidates", "Check", "Comparison", "Confirmation", "Cosimulation",
+           "Diagnosis", "Draws", "Fitted", "Parameter", "Parameters", "Plan", "Project", "ResultError", "Search",
+           "Step", "calibrate", "cosimulate", "open_project"]

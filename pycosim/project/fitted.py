@@ -23,6 +23,7 @@ from ..report import plots, records, sentences
 from ..study.schema import Study
 from .confirmed import Confirmation, refuse
 from .diagnosed import Candidate, Diagnosis
+from .drawn import Draws
 from .planned import Plan
 from .progress import finish
 from .shown import Recorded, Shown
@@ -519,7 +520,7 @@ class Fitted(Recorded):
         return Plan.made(self.project, self.study, self.model, self.dataset, self.solution, goal, budget, rate,
                          criterion, between)
 
-    def draw(self, n: int, bounded: bool = True, seed: int | None = None) -> Any:
+    def draw(self, n: int, bounded: bool = True, seed: int | None = None) -> Draws:
         """Parameter sets that the data allow.
 
         Parameters
@@ -536,7 +537,8 @@ class Fitted(Recorded):
         Draws
             See `pycosim.fit.draws.draw`.
         """
-        return draws.draw(self.solution, n, bounded, self.project.study.seed if seed is None else seed)
+        found = draws.draw(self.solution, n, bounded, self.project.study.seed if seed is None else seed)
+        return Draws(**vars(found))
 
     def export(self, folder: str | PathLike[str], to: str = "fmu", fmi: int = 2, kinds: Sequence[str] = ("cs", "me"),
                platforms: str = "host", real: str = "double", self_contained: bool = False) -> Export:

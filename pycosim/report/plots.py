@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.errors import PycosimError, UnknownNameError, closest
 from ..diagnosis.dependence import noise_floor
-from . import confirm_figures, drawings, figures, plan_figures
+from . import confirm_figures, cosim_figures, drawings, figures, plan_figures
 
 DOTS = 150  # an inch, in a notebook
 
@@ -260,6 +260,35 @@ class CalibrationPlots:
         matplotlib.axes.Axes
         """
         return handed(drawings.intervals(self._record))
+
+
+class CosimulationPlots:
+    """Plots of a co-simulation.
+
+    Parameters
+    ----------
+    log : callable
+        Returns the log; raises what is to be said where there is none.
+    units : dict of str to str
+        Of the log's columns.
+    """
+
+    def __init__(self, log: Callable[[], Any], units: dict[str, str]):
+        self._log, self._units = log, units
+
+    def over_time(self) -> Any:
+        """Signals of the log over time, a panel a unit; see `cosim_figures.over_time`.
+
+        Returns
+        -------
+        matplotlib.axes.Axes, or ndarray of them
+
+        Raises
+        ------
+        PlotError
+            The log has no columns but the time.
+        """
+        return handed(cosim_figures.over_time(self._log(), self._units))
 
 
 class SearchPlots:

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from joint import JOINT
 
+import pycosim as pc
 from pycosim.cli.entry import main
 from pycosim.compile import Library
 from pycosim.cosim.master import cosimulate
@@ -45,6 +46,37 @@ def test_the_verb_leaves_log_results_and_figure_and_says_so(here, capsys):
     assert found["schema"] == 1 and found["complete"] and found["columns"]["C"]["unit"] == "N.m"
     assert (here / "again" / "run.csv").read_bytes() == (folder / "run.csv").read_bytes()
     assert main(["cosim", "joint.toml", "--quiet"]) == 0 and capsys.readouterr().out == ""
+
+
+def test_python_gives_an_object_that_its_file_gives_back(here):
+    found = pc.cosimulate("joint.toml")
+    assert main(["cosim", "joint.toml", "--quiet"]) == 0
+    folder = here / "joint_cosim"
+    assert found.to_csv("own.csv").read_bytes() == (folder / "run.csv").read_bytes() and found.checkpoint is None
+    again = pc.Cosimulation.load(folder / "cosim.json")
+    assert again.record == found.record and repr(again) == repr(found) and again.sentences == found.sentences
+    assert again._repr_html_() == found._repr_html_() and found.complete
+    pd.testing.assert_frame_equal(again.to_frame(), found.to_frame())
+    assert found.to_frame().loc["C", "max"] == pytest.approx(found.log.C.max())
+    assert len(found.plot.over_time()) == found.to_frame().unit.nunique() == 3
+    found.log["C"] = 0.0
+    assert found.log.C.any()
+    for asked in (again.plot.over_time, lambda: again.log, lambda: again.to_csv("no.csv")):
+        with pytest.raises(pc.ResultError, match="holds no log"):
+            asked()
+    assert not (here / "no.csv").exists()
+    with pytest.raises(pc.PycosimError, match="cannot be written"):
+        found.to_csv(here / "no" / "log.csv")
+    (here / "cut.json").write_text((folder / "cosim.json").read_text()[:300])
+    with pytest.raises(pc.ResultError, match="no whole file of JSON"):
+        pc.Cosimulation.load("cut.json")
+
+
+def test_python_stops_and_goes_on_as_the_command_line_does(here):
+    first = pc.cosimulate("joint.toml", until=0.5)
+    assert not first.complete and " of 1.2 s" in repr(first)
+    rest = pc.cosimulate("joint.toml", resume=first.checkpoint)
+    pd.testing.assert_frame_equal(rest.log, pc.cosimulate("joint.toml").log)
 
 
 def test_until_and_resume_make_one_log(here, capsys):

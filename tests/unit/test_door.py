@@ -118,6 +118,17 @@ def test_parameters_have_value_interval_and_unit(project):
         fit.params["s1A.nu"]
 
 
+def test_draws_are_a_table(project):
+    fit = project.fit()
+    drawn = fit.draw(20, seed=3)
+    assert list(drawn.to_frame().columns) == list(fit.params) and len(drawn.to_frame()) == 20
+    assert (drawn.array(["s1A.mu"])[:, 0] == drawn.to_frame()["s1A.mu"]).all()
+    assert repr(drawn).startswith(f"<Draws: 20 sets of {len(fit.params)} parameters")
+    assert "<table" in drawn._repr_html_()
+    with pytest.raises(FrozenInstanceError):
+        drawn.values = None
+
+
 def test_a_diagnosis_is_a_verdict_a_table_and_sentences(project):
     found = project.diagnose()
     assert found.verdict == "missing_effect" and found.best.name == "stribeck@2A" and found.best.p_value < 0.01
