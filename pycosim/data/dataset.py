@@ -289,6 +289,11 @@ class Dataset:
         Returns
         -------
         dict of str to ndarray, shape (n,)
+
+        References
+        ----------
+        .. [1] Janot, A., Vandanjon, P.-O. and Gautier, M. (2014). A generic instrumental variable approach for
+               industrial robot identification. IEEE Transactions on Control Systems Technology 22(1).
         """
         if not hasattr(self, "_exogenous"):
             self._exogenous = dict(self.signals)

@@ -138,6 +138,10 @@ def derivatives(time, angle, speed=None):
     ------
     DataError
         Fewer than five samples.
+
+    References
+    ----------
+    .. [1] Reinsch, C. H. (1967). Smoothing by spline functions. Numerische Mathematik 10.
     """
     if len(time) < _LEAST:
         raise DataError(f"{len(time)} samples are too few for a derivative; at least {_LEAST} are needed")

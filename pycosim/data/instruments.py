@@ -90,6 +90,10 @@ def rounded(values, quantum, dither, rng):
     -------
     ndarray, shape (n,)
         Rounded minus true, in the unit of the values.
+
+    References
+    ----------
+    .. [1] Widrow, B. and Kollar, I. (2008). Quantization Noise. Cambridge University Press.
     """
     true = values + quantum * rng.uniform()
     if dither > 0.0:

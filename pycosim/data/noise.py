@@ -143,6 +143,11 @@ class Noise:
         Returns
         -------
         ndarray, shape (.., n)
+
+        References
+        ----------
+        .. [1] Kalman, R. E. (1960). A new approach to linear filtering and prediction problems. Journal of Basic
+               Engineering 82(1).
         """
         if self.slow == 0.0:
             return values / self.white
@@ -288,6 +293,11 @@ def fit_noise(residual, chain, absorbed=None, start=None):
     Returns
     -------
     Noise
+
+    References
+    ----------
+    .. [1] Patterson, H. D. and Thompson, R. (1971). Recovery of inter-block information when block sizes are unequal.
+           Biometrika 58(3).
     """
     variance = float(np.mean(residual ** 2)) if len(residual) else 1.0
     plain = Noise(math.sqrt(max(chain.colour * variance, 1e-300)))

@@ -307,7 +307,7 @@ class Residuals:
 
 
 def huber(residual):
-    """Weights of samples by how far out they are (P. J. Huber, *Robust Estimation of a Location Parameter*, 1964).
+    """Weights of samples by how far out they are [1]_.
 
     Parameters
     ----------
@@ -319,6 +319,10 @@ def huber(residual):
     ndarray, shape (channels, n)
         1 up to 1.345 median spreads of the channel, where 95 % of the efficiency at normal noise is kept; beyond, as
         one over the distance.
+
+    References
+    ----------
+    .. [1] Huber, P. J. (1964). Robust estimation of a location parameter. Annals of Mathematical Statistics 35(1).
     """
     spread = 1.4826 * np.median(np.abs(residual), axis=1, keepdims=True)
     spread[spread == 0] = np.inf

@@ -39,6 +39,11 @@ def profile_likelihood(dataset, model, fit, name, points=POINTS, reach=3.0):
     dict
         ``values`` in the parameter's unit; ``squares``, how many squared standard errors each is away, as the noise's
         correlation counts them; ``ci95``, where that stays below 3.84.
+
+    References
+    ----------
+    .. [1] Raue, A. et al. (2009). Structural and practical identifiability analysis of partially observed dynamical
+           models by exploiting the profile likelihood. Bioinformatics 25(15).
     """
     v, k = fit.variables[name], fit.free.index(name)
     low, high = fit.interval(name)

@@ -412,6 +412,11 @@ def spread(total, block, criterion):
     Returns
     -------
     MX
+
+    References
+    ----------
+    .. [1] Atkinson, A. C., Donev, A. N. and Tobias, R. D. (2007). Optimum Experimental Designs, with SAS. Oxford
+           University Press.
     """
     p = len(block.free)
     scale = ca.DM([block.model.parameters[n].nominal for n in block.free])

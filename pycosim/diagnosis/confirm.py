@@ -273,6 +273,10 @@ def chance(falls, seed=0):
     -------
     float
         1.0 where nothing falls at all.
+
+    References
+    ----------
+    .. [1] Winkler, A. M. et al. (2014). Permutation inference for the general linear model. NeuroImage 92.
     """
     total, n = falls.sum(), len(falls)
     if not np.any(falls):

@@ -210,6 +210,11 @@ def dependence(dataset, model, fit, seed=0):
     Returns
     -------
     Dependence
+
+    References
+    ----------
+    .. [1] Cameron, A. C., Gelbach, J. B. and Miller, D. L. (2008). Bootstrap-based improvements for inference with
+           clustered errors. Review of Economics and Statistics 90(3).
     """
     given = _Given.of(dataset, model, fit, seed)
     channels = {c: _dependence(given, np.arange(len(dataset.channels)) == k) for k, c in enumerate(dataset.channels)}

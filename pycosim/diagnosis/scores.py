@@ -53,6 +53,13 @@ class Scores:
         Of the simulated residuals.
     draws : int
         Simulated residuals for the family-wise p-values.
+
+    References
+    ----------
+    .. [1] Rao, C. R. (1948). Large sample tests of statistical hypotheses concerning several parameters with
+           applications to problems of estimation. Mathematical Proceedings of the Cambridge Philosophical Society
+           44(1).
+    .. [2] Westfall, P. H. and Young, S. S. (1993). Resampling-Based Multiple Testing. Wiley.
     """
 
     def __init__(self, table, seed=0, draws=DRAWS):

@@ -103,6 +103,12 @@ def draw(fit, n, bounded=True, seed=0):
     Returns
     -------
     Draws
+
+    References
+    ----------
+    .. [1] Geman, S. and Geman, D. (1984). Stochastic relaxation, Gibbs distributions, and the Bayesian restoration of
+           images. IEEE Transactions on Pattern Analysis and Machine Intelligence 6(6).
+    .. [2] Robert, C. P. (1995). Simulation of truncated normal variables. Statistics and Computing 5.
     """
     rng, fixed = np.random.default_rng(seed), {k: v for k, v in fit.parameters.items()
                                              if k not in fit.free and k not in fit.own}
