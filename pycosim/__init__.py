@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .project import Cosimulation as Cosimulation
     from .project import Diagnosis as Diagnosis
     from .project import Draws as Draws
+    from .project import Export as Export
     from .project import Fitted as Fitted
     from .project import Parameter as Parameter
     from .project import Plan as Plan
@@ -45,6 +46,7 @@ _NAMES = {
     "Cosimulation": ("project", "Cosimulation"),
     "Diagnosis": ("project", "Diagnosis"),
     "Draws": ("project", "Draws"),
+    "Export": ("project", "Export"),
     "Fitted": ("project", "Fitted"),
     "Parameter": ("project", "Parameter"),
     "Plan": ("project", "Plan"),

@@ -10,7 +10,7 @@ from ..core.errors import ExportError
 __all__ = ["Export", "export"]
 
 
-@dataclass
+@dataclass(frozen=True)
 class Export:
     """What an export made.
 
@@ -19,9 +19,9 @@ class Export:
     files : list of str
         Their names.
     description : dict
-        Everything about the plant: variables, effects, structure.
+        Everything about the plant: variables, effects, structure; its ``files``, and the ``sentences`` below.
     lines : list of str
-        The same in sentences.
+        What was written, and what must be said about it, in sentences.
     """
 
     files: list
@@ -65,8 +65,10 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     if to == "c":
         from .c import export_c
         made = export_c(model, values(study, model), folder, c_name(study.name), real)
-        return Export([Path(f).name for f in made], {"schema": 1, "name": study.name, "rig": study.rig},
-                      [f"C: {', '.join(Path(f).name for f in made)}."])
+        files = [Path(f).name for f in made]
+        lines = [f"C: {', '.join(files)}."]
+        return Export(files, {"schema": 1, "name": study.name, "rig": study.rig, "files": files, "sentences": lines},
+                      lines)
     plant = describe(study, model)
     description = to_dict(plant)
     made = _write(plant, study, model, Path(folder), to, fmi, kinds, platforms, self_contained)
@@ -78,7 +80,7 @@ def export(study, model, folder, to="fmu", fmi=2, kinds=("cs", "me"), platforms=
     if unmeasured:
         lines.append(f"Of its friction and effect parameters, {unmeasured} are the library's defaults, not the "
                      "study's: the documentation inside, and export.json, mark them.")
-    return Export(made.files, {**description, "files": made.files}, lines)
+    return Export(made.files, {**description, "files": made.files, "sentences": lines}, lines)
 
 
 @dataclass

@@ -9,6 +9,7 @@ from .confirmed import Confirmation
 from .cosimulated import Cosimulation, cosimulate
 from .diagnosed import Candidate, Candidates, Diagnosis
 from .drawn import Draws
+from .exported import Export
 from .fitted import Comparison, Fitted, Parameter, Parameters
 from .planned import Plan
 from .project import Project, open_project
@@ -16,5 +17,5 @@ from .searched import Search, Step
 from .shown import ResultError
 
 __all__ = ["Calibration", "Candidate", "Candidates", "Check", "Comparison", "Confirmation", "Cosimulation",
-           "Diagnosis", "Draws", "Fitted", "Parameter", "Parameters", "Plan", "Project", "ResultError", "Search",
-           "Step", "calibrate", "cosimulate", "open_project"]
+           "Diagnosis", "Draws", "Export", "Fitted", "Parameter", "Parameters", "Plan", "Project", "ResultError",
+           "Search", "Step", "calibrate", "cosimulate", "open_project"]

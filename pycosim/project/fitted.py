@@ -24,12 +24,12 @@ from ..study.schema import Study
 from .confirmed import Confirmation, refuse
 from .diagnosed import Candidate, Diagnosis
 from .drawn import Draws
+from .exported import Export
 from .planned import Plan
 from .progress import finish
 from .shown import Recorded, Shown
 
 if TYPE_CHECKING:
-    from ..export import Export
     from .project import Project
 
 
@@ -565,9 +565,8 @@ class Fitted(Recorded):
         -------
         Export
         """
-        from .project import exported
         model = self.study.validate(self.project.library)
-        return exported(self.study, model, folder, to, fmi, kinds, platforms, real, self_contained)
+        return Export.made(self.study, model, folder, to, fmi, kinds, platforms, real, self_contained)
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the study with this model's effects and the fitted values; ``pycosim.open`` reads it.

@@ -20,16 +20,15 @@ from ..data.dataset import Dataset
 from ..data.frames import Frame
 from ..data.logs import Log, load, require_units
 from ..diagnosis import search
-from ..export import Export, export
 from ..fit import least_squares
 from ..report import sentences
-from ..report.folder import Folder
 from ..study.parse import load_study
 from ..study.schema import Study
 from ..study.write import write_study
 from .checked import Check
 from .confirmed import Confirmation, refuse
 from .diagnosed import Diagnosis
+from .exported import Export
 from .fitted import Comparison, Fitted
 from .planned import Plan
 from .progress import Continued, Say, finish, usual
@@ -488,7 +487,7 @@ class Project(Shown):
         ExportError, StudyError
             The rig has no such export, a tool for it is missing, or an option does not fit.
         """
-        return exported(self.study, self.model, folder, to, fmi, kinds, platforms, real, self_contained)
+        return Export.made(self.study, self.model, folder, to, fmi, kinds, platforms, real, self_contained)
 
     def save(self, path: AnyPath) -> Path:
         """Write the study; ``pycosim.open`` reads it again.
@@ -518,31 +517,6 @@ class Project(Shown):
         data = [] if own else ["--data", *(str(p) if isinstance(p, Frame) else os.path.relpath(p) for p in files)]
         robust = ["--robust"] if self.study.robust and not kept.robust else []
         return shlex.join(["pycosim", "report", self.study.path.name, *robust, *data])
-
-
-def exported(study: Study, model: Any, folder: AnyPath, to: str, fmi: int, kinds: Sequence[str], platforms: str,
-             real: str, self_contained: bool) -> Export:
-    """Write a machine for another tool into a folder of results.
-
-    Parameters
-    ----------
-    study : Study
-        Its values and effects are exported as they are.
-    model : Model
-        Its compiled rig with effects.
-    folder : path
-        Made, or replaced whole where an export made it.
-    to, fmi, kinds, platforms, real, self_contained
-        As for `Project.export`.
-
-    Returns
-    -------
-    Export
-    """
-    with Folder(folder, "export", study.path, ("export.json",)) as made:
-        done = export(study, model, made.temporary, to, fmi, list(kinds), platforms, real, self_contained)
-        made.write("export.json", done.description)
-    return done
 
 
 def saved(study: Study, given: Study, path: AnyPath) -> Path:

@@ -322,8 +322,23 @@ def test_errors_have_dimensions(project):
 def test_an_export_takes_the_fitted_values(search, tmp_path):
     made = search.final.export(tmp_path / "out", to="json")
     fitted = search.final.params["s1A.f0"].value
-    told = {v["name"]: v["start"] for v in made.description["variables"] if v["name"] == "s1A.f0"}
-    assert told["s1A.f0"] == pytest.approx(fitted, rel=1e-6) and (tmp_path / "out" / "export.json").exists()
+    told = {v["name"]: v["start"] for v in made.record["variables"] if v["name"] == "s1A.f0"}
+    assert told["s1A.f0"] == pytest.approx(fitted, rel=1e-6)
+    assert made.to_frame().loc["s1A.f0", ["start", "unit"]].tolist() == [told["s1A.f0"], "N.m"]
+    again = pc.Export.load(made.folder / "export.json")
+    assert again.record == made.record and again.files == made.files and again.sentences == made.sentences
+    assert repr(again) == repr(made) and len(repr(made)) < 200 and again._repr_html_() == made._repr_html_()
+    pd.testing.assert_frame_equal(again.to_frame(), made.to_frame())
+    with pytest.raises(pc.ResultError, match="is no diagnosis.json.*pycosim.Export.load reads"):
+        pc.Diagnosis.load(made.save(tmp_path / "x.json"))
+    with pytest.raises(FrozenInstanceError):
+        made.folder = None
+
+
+def test_an_export_as_c_is_an_object_too(project, tmp_path):
+    made = project.export(tmp_path / "out", to="c")
+    assert all((made.folder / f).is_file() for f in made.files) and made.sentences[0].startswith("C: ")
+    assert made.to_frame().empty and pc.Export.load(tmp_path / "out" / "export.json").record == made.record
 
 
 def test_an_export_brings_the_library_along_where_that_is_asked_for(project, tmp_path):
