@@ -7,12 +7,13 @@ from functools import partial
 import numpy as np
 
 from ..compile import ArrayFunction, catalogue, compile_model
-from ..core.errors import DataError, StudyError
+from ..core.errors import DataError
 from ..dynamics.delays import Record, undo
 from ..dynamics.filters import settings
 from ..dynamics.states import propagate
 from . import instruments, segmentation, torques, turns
-from .logs import load, require, require_alike
+from .asked import Asked
+from .logs import load, require
 from .motion import Motion
 from .parameters import Parameters
 from .residuals import Residuals, evaluated, held
@@ -79,35 +80,11 @@ class Dataset:
     # ---- what is known, what is compared
 
     def _choose_question(self):
-        have = {v for log in self.logs for v in log.signals}
-        self.asked, forms = "estimate", self.base.alternatives("estimate")
-        self.form = next((k for k, (wanted, _) in enumerate(forms) if all(w in have for w in wanted)), None)
-        balanced = self.form is None and self.study.reference == "gravity_model"
-        self.paired = self.form is None and not balanced
-        self.form = self.form or 0
-        named = forms[self.form][0]
-        if balanced:  # what the leg's model asks for beyond the transmission's torque is the error
-            self.asked, forms = "balance", self.base.alternatives("balance")
-        self.outputs, self.known = forms[self.form]
-        self._choose_outputs(named, balanced, have)
-        require_alike(self.logs, self.outputs)
-        if self.paired and self.study.reference != "unknown":
-            raise StudyError(f'{self.study.path}: reference = "{self.study.reference}", but no log holds '
-                             f'{", ".join(self.outputs)}; log that, or write reference = "unknown"')
+        asked = Asked.of(self.study, self.base, self.logs)
+        self.asked, self.form, self.paired = asked.name, asked.form, asked.paired
+        self.outputs, self.known, self.channels = asked.outputs, asked.known, asked.channels
+        self.aliases, self.zeros = asked.aliases, asked.zeros
         self.question = self.ask(self.base)
-
-    def _choose_outputs(self, named, balanced, have):
-        """Channels, and which variables of the model stand for them."""
-        self.channels = [f"{c}_pair" for c in named] if self.paired else list(named)
-        self.aliases, self.zeros = {}, []
-        if not balanced:  # a computed reference knows the load alone
-            self.aliases = self.base.aliases("sensor" if self.study.reference == "sensor" else "load")
-        for channel, reading in self.base.aliases("encoders").items():
-            if channel in have and not self.paired:
-                self.aliases[channel], _, zero = reading.partition(":")
-                self.outputs = [*self.outputs, channel]
-                self.channels.append(channel)
-                self.zeros.append(zero)
 
     def ask(self, model):
         """The question that a model of this rig is asked about these data.
