@@ -167,8 +167,8 @@ def _cycles(table, contribution, place):
 def _scan(table, scores, contribution, place, cycles, signs):
     """Statistic of every number of cycles, and the largest that each draw of signs gives.
 
-    Each stretch counts with what the base parameters absorb of it, so that flipped stretches vary as much as the
-    residual of a fit does.
+    What the base model's parameters would take over of a stretch is subtracted from it: the residual of a fit lacks
+    that too, and flipped stretches shall vary as that residual does.
     """
     angles = _angles(table, contribution, place)
     drive = _Fourier.of(table, angles, scores.drives, scores.stretch)

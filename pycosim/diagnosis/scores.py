@@ -22,7 +22,10 @@ SEEN = 4.0  # standard errors that the largest size of an effect must exceed for
 SHADOW = 1e-4  # of a column, that must be left beside another for it to be more than its shadow
 ROUNDINGS = 40
 """Times that what was measured is rounded anew: the spread of a score is then known to about a tenth."""
-PRESSED = 12.0  # variances that lifting a bound must win for its parameter not to absorb anything: 0.05 % by chance
+PRESSED = 12.0
+"""Fall of the squared error, over the noise's variance, that a parameter at a bound must bring beyond it to count as
+held back by it, and to absorb nothing of a candidate: chance alone brings as much once in 1900 (chi-squared, one
+degree of freedom)."""
 
 
 @dataclass

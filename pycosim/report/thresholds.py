@@ -13,7 +13,8 @@ _EVIDENCE = {
     "relevant": ("diagnosis.dependence.RELEVANT",
                  "least share of the error's energy that a candidate must take to matter"),
     "bound_pressed": ("diagnosis.scores.PRESSED",
-                      "variances of the noise that leaving a bound must win for a parameter to press against it"),
+                      "fall of the squared error, over the noise's variance, that a parameter must bring outside its "
+                      "bounds to count as held back by them"),
     "separate": ("diagnosis.decide.SEPARATE", "standard errors by which unseen folds must tell two candidates apart"),
     "alike": ("diagnosis.decide.ALIKE", "share of what the best candidate takes that an alternative may leave"),
     "left": ("diagnosis.remainder.LEFT",
