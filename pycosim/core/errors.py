@@ -61,6 +61,11 @@ def closest(name, known):
     -------
     str
         ``"; closest: 'x'"``, or the list of known names when nothing is near and the list is short.
+
+    Examples
+    --------
+    >>> closest("stribek", ["stribeck", "viscous"])
+    "; closest: 'stribeck'"
     """
     known = list(dict.fromkeys(known))
     folded = {k.lower(): k for k in known}

@@ -43,6 +43,11 @@ def to_si(unit, expected, where):
     ------
     UnknownNameError
         The unit is unknown, or of another dimension.
+
+    Examples
+    --------
+    >>> to_si("deg", "rad", "column 'theta'")
+    0.017453292519943295
     """
     name = SPELLINGS.get(unit, unit)
     if name not in UNITS:

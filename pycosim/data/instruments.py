@@ -43,6 +43,12 @@ def step(values):
     -------
     float
         In the unit of the values; 0.0 where the values lie on no lattice that is coarser than their digits.
+
+    Examples
+    --------
+    >>> angle = np.sin(np.linspace(0, 10, 2001))
+    >>> float(round(step(np.round(angle / 1e-3) * 1e-3), 9))
+    0.001
     """
     span = float(np.ptp(values)) if len(values) else 0.0
     if not np.isfinite(span) or span <= 0.0:

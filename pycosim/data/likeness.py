@@ -77,6 +77,11 @@ def words(name):
     -------
     set of str
         In small letters.
+
+    Examples
+    --------
+    >>> sorted(words("Motor 1 torque [Nm]"))
+    ['motor', 'torque']
     """
     return {w.lower() for w in re.findall(r"[^\W\d_]+", _bare(name))}
 

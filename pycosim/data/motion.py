@@ -22,6 +22,11 @@ def speed_beside(angle):
     -------
     str or None
         As ``motor.w`` or ``slide.v``; None where the name is that of neither.
+
+    Examples
+    --------
+    >>> speed_beside("motor1.phi")
+    'motor1.w'
     """
     component, _, kind = angle.rpartition(".")
     return f"{component}.{SPEEDS[kind]}" if kind in SPEEDS else None

@@ -411,6 +411,13 @@ def contiguous(time, group):
     Returns
     -------
     list of slice
+
+    Examples
+    --------
+    A gap of many sampling intervals ends a slice:
+
+    >>> [len(range(4)[s]) for s in contiguous(np.array([0.0, 0.1, 0.2, 0.9]), np.zeros(4))]
+    [3, 1]
     """
     if len(time) == 0:
         return []

@@ -323,6 +323,13 @@ def huber(residual):
     References
     ----------
     .. [1] Huber, P. J. (1964). Robust estimation of a location parameter. Annals of Mathematical Statistics 35(1).
+
+    Examples
+    --------
+    One sample of six is far out, and counts for a tenth:
+
+    >>> huber(np.array([[0.1, -0.2, 0.1, -0.1, 0.2, 3.0]])).round(2).tolist()
+    [[1.0, 1.0, 1.0, 1.0, 1.0, 0.1]]
     """
     spread = 1.4826 * np.median(np.abs(residual), axis=1, keepdims=True)
     spread[spread == 0] = np.inf

@@ -277,6 +277,13 @@ def chance(falls, seed=0):
     References
     ----------
     .. [1] Winkler, A. M. et al. (2014). Permutation inference for the general linear model. NeuroImage 92.
+
+    Examples
+    --------
+    Eight falls of eight, all of one size, come about by chance once in 256:
+
+    >>> chance(np.ones(8)) == 1 / 256
+    True
     """
     total, n = falls.sum(), len(falls)
     if not np.any(falls):

@@ -128,6 +128,12 @@ def difference(a, b):
     -------
     total, stderr : float
         The second is infinite for a single block.
+
+    Examples
+    --------
+    >>> total, stderr = difference(np.array([1.0, 2.0, 3.0]), np.array([0.5, 1.5, 2.8]))
+    >>> round(float(total), 3), round(float(stderr), 3)
+    (1.2, 0.3)
     """
     d = a - b
     return float(d.sum()), float(np.sqrt(len(d) * d.var(ddof=1))) if len(d) > 1 else float("inf")

@@ -487,6 +487,11 @@ def c_name(text):
     -------
     str
         Letters, digits and underscores, a letter first.
+
+    Examples
+    --------
+    >>> c_name("arm one")
+    'arm_one'
     """
     name = re.sub(r"\W", "_", text, flags=re.ASCII)
     return name if name[:1].isalpha() else f"m_{name}"

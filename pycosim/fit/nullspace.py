@@ -39,6 +39,11 @@ def number(value, nominal=0.0):
     -------
     str
         ``0`` when the value is nothing against its nominal size.
+
+    Examples
+    --------
+    >>> number(0.0123456)
+    '0.0123'
     """
     return "0" if abs(value) <= 1e-5 * nominal else f"{value:.3g}"
 

@@ -124,6 +124,11 @@ def certainty(p):
     -------
     str
         As ``Very likely: chance alone would find something as large in one log of 250 (p = 0.004)``.
+
+    Examples
+    --------
+    >>> certainty(0.004)
+    'Very likely: chance alone would find something as large in one log of 250 (p = 0.004)'
     """
     words = next((w for most, w in SURE if p <= most), "Doubtful")
     bound = f"p ≤ {SURE[0][0]:g}" if p <= SURE[0][0] else f"p = {number(p)}"

@@ -34,6 +34,12 @@ def plain(value):
     Returns
     -------
     dict, list, str, bool, int, float or None
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> plain({"a": np.float64(1.5), "b": float("nan")})
+    {'a': 1.5, 'b': None}
     """
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}

@@ -36,6 +36,11 @@ def errors_text(error, units):
     -------
     str
         As ``C_H 0.138 N.m, C_K 0.141 N.m``.
+
+    Examples
+    --------
+    >>> errors_text({"C_H": 0.138}, {"C_H": "N.m"})
+    'C_H 0.138 N.m'
     """
     known = {c: v for c, v in error.items() if v is not None and math.isfinite(v)}
     return ", ".join(f"{c} {number(v)}{_unit(units[c])}" for c, v in known.items()) or "unknown"
@@ -57,6 +62,11 @@ def labelled(name, unit):
     -------
     str
         As ``C_H [N.m]``.
+
+    Examples
+    --------
+    >>> labelled("C_H", "N.m"), labelled("s1A.mu", "1")
+    ('C_H [N.m]', 's1A.mu')
     """
     return name if unit in ("1", "") else f"{name} [{unit}]"
 
@@ -113,6 +123,11 @@ def joined(names):
     -------
     str
         As ``a, b and c``.
+
+    Examples
+    --------
+    >>> joined(["a", "b", "c"])
+    'a, b and c'
     """
     names = list(names)
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
@@ -185,6 +200,11 @@ def aligned(rows):
     Returns
     -------
     list of str
+
+    Examples
+    --------
+    >>> aligned([("name", "value"), ("s1A.f0", "0.1")])
+    ['name    value', 's1A.f0  0.1']
     """
     widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]) - 1)]
     return ["  ".join(c.ljust(w) for c, w in zip(r, (*widths, 0))).rstrip() for r in rows]
@@ -275,6 +295,11 @@ def percent(share, sign=""):
     -------
     str
         Without the sign of percent.
+
+    Examples
+    --------
+    >>> percent(0.0123), percent(0.997)
+    ('1.2', '99.7')
     """
     value = 100 * share
     size = abs(value)

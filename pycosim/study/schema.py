@@ -481,6 +481,11 @@ def known_unit(unit):
     -------
     (str, float) or None
         None where the unit is unknown.
+
+    Examples
+    --------
+    >>> known_unit("Nm")
+    ('N.m', 1.0)
     """
     return units.UNITS.get(units.SPELLINGS.get(unit, unit))
 

@@ -1,6 +1,8 @@
 """Claims about the source: modules depend one way, lines fit, and public names are documented."""
 
 import ast
+import doctest
+import importlib
 import re
 import subprocess
 import sys
@@ -167,3 +169,15 @@ def test_public_names_say_what_goes_in_and_what_comes_out(path):
     assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), "the module's first line"
     found = {name: lacking(node) for name, node in public(path)}
     assert not {name: lacks for name, lacks in found.items() if lacks}
+
+
+WITH_EXAMPLES = [p for p in sorted(PACKAGE.rglob("*.py")) if ">>> " in p.read_text(encoding="utf-8")
+                 and p.parent not in (PACKAGE, PACKAGE / "project")]
+
+
+@pytest.mark.parametrize("path", WITH_EXAMPLES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_examples_of_docstrings_run(path):
+    """Those of the front door need a study, and run in its tests."""
+    module = importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    failed, tried = doctest.testmod(module)
+    assert tried and not failed

@@ -30,6 +30,11 @@ def equal_stretches(values):
     Returns
     -------
     ndarray of int, shape (k, 2)
+
+    Examples
+    --------
+    >>> equal_stretches(np.array([1, 1, 2, 3, 3])).tolist()
+    [[0, 1], [2, 2], [3, 4]]
     """
     edges = np.flatnonzero(np.diff(values) != 0) + 1
     return np.column_stack([np.append(0, edges), np.append(edges, values.size) - 1])
