@@ -15,7 +15,7 @@ from ..core.errors import StudyError
 from ..core.whole import write_whole
 from ..report import plots, records, sentences
 from .progress import Say, finish, usual
-from .shown import Recorded
+from .shown import Recorded, xarray_module
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,6 +86,23 @@ class Cosimulation(Recorded):
         """
         return pd.DataFrame.from_dict(self.record["columns"], orient="index",
                                       columns=["unit", "min", "max", "rms"]).rename_axis("column")
+
+    def to_xarray(self) -> Any:
+        """The log with named dimensions.
+
+        Returns
+        -------
+        xarray.Dataset
+            A variable a column, over ``time`` [s]; its unit is among its attributes.
+
+        Raises
+        ------
+        UnknownNameError
+            xarray is not installed.
+        """
+        log, units = self.log.set_index("time"), self.record["columns"]
+        return xarray_module().Dataset({n: ("time", log[n].to_numpy(), {"unit": units[n]["unit"]} if n in units else {})
+                                        for n in log}, {"time": log.index.to_numpy()})
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
         """Write the log, as ``run.csv``: `pycosim.open` takes it as data.

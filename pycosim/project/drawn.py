@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from ..fit import draws
-from .shown import Shown
+from .shown import Shown, xarray_module
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -28,3 +28,18 @@ class Draws(Shown, draws.Draws):
             A row a set, a column a free parameter, SI units.
         """
         return pd.DataFrame(self.values, columns=self.names)
+
+    def to_xarray(self) -> Any:
+        """The parameter sets with named dimensions.
+
+        Returns
+        -------
+        xarray.DataArray
+            Over ``set`` and ``parameter``, SI units.
+
+        Raises
+        ------
+        UnknownNameError
+            xarray is not installed.
+        """
+        return xarray_module().DataArray(self.values, dims=("set", "parameter"), coords={"parameter": self.names})

@@ -27,7 +27,7 @@ from .drawn import Draws
 from .exported import Export
 from .planned import Plan
 from .progress import finish
-from .shown import Recorded, Shown
+from .shown import Recorded, Shown, xarray_module
 
 if TYPE_CHECKING:
     from .project import Project
@@ -216,11 +216,7 @@ class Comparison(Recorded):
         UnknownNameError
             xarray is not installed.
         """
-        try:
-            import xarray  # type: ignore[import-not-found, unused-ignore]
-        except ModuleNotFoundError:
-            raise UnknownNameError("xarray is not installed; pip install xarray, or use to_frame()") from None
-        found = {}
+        xarray, found = xarray_module(), {}
         for name, groups in self.record["by"].items():
             channels = list(dict.fromkeys(c for error in groups.values() for c in error))
             values = [[error.get(c, np.nan) for c in channels] for error in groups.values()]

@@ -16,7 +16,7 @@ from ..core.whole import write_whole
 from ..design import plan as planning
 from ..report import plan_results, plots
 from .progress import finish
-from .shown import Recorded
+from .shown import Recorded, xarray_module
 
 if TYPE_CHECKING:
     from .project import Project
@@ -96,6 +96,25 @@ class Plan(Recorded):
             A row a sample: time [s], angle [rad] and speed [rad/s] of each motor, the label of the stroke.
         """
         return pd.DataFrame(self._table)
+
+    def to_xarray(self) -> Any:
+        """The motion with named dimensions.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``angle`` [rad] and ``speed`` [rad/s] over ``motor`` and ``time`` [s]; the strokes' labels over ``time``.
+
+        Raises
+        ------
+        UnknownNameError
+            xarray is not installed.
+        """
+        motors = [n.removesuffix(".phi") for n in self._table if n.endswith(".phi")]
+        values = {name: (("motor", "time"), [self._table[f"{m}.{kind}"] for m in motors])
+                  for name, kind in (("angle", "phi"), ("speed", "w"))}
+        return xarray_module().Dataset({**values, "manoeuvre": ("time", self._table["manoeuvre"])},
+                                       {"motor": motors, "time": self._table["time"]})
 
     @cached_property
     def _table(self) -> dict[str, Any]:

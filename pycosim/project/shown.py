@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 
 import pandas as pd
 
-from ..core.errors import PycosimError, StudyError
+from ..core.errors import PycosimError, StudyError, UnknownNameError
 from ..core.whole import write_whole
 from ..report import records
 
@@ -57,6 +57,25 @@ class Shown:
         more = f"<p>and {rest} more rows; <code>to_frame()</code> has all</p>" if rest > 0 else ""
         table = frame.head(ROWS).to_html(border=0, float_format=lambda v: f"{v:.4g}", na_rep="")
         return f"<p><b>{type(self).__name__}</b>: {html.escape(self._headline())}</p>{table}{more}"
+
+
+def xarray_module() -> Any:
+    """xarray, where it is installed; every ``to_xarray`` asks for it here.
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    UnknownNameError
+        It is not installed.
+    """
+    try:
+        import xarray  # type: ignore[import-not-found, unused-ignore]
+    except ModuleNotFoundError:
+        raise UnknownNameError("xarray is not installed; pip install xarray, or use to_frame()") from None
+    return xarray
 
 
 class ResultError(PycosimError):

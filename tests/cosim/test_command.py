@@ -59,6 +59,8 @@ def test_python_gives_an_object_that_its_file_gives_back(here):
     pd.testing.assert_frame_equal(again.to_frame(), found.to_frame())
     assert found.to_frame().loc["C", "max"] == pytest.approx(found.log.C.max())
     assert len(found.plot.over_time()) == found.to_frame().unit.nunique() == 3
+    arrays = found.to_xarray()
+    assert (arrays.C.to_numpy() == found.log.C).all() and arrays.C.attrs["unit"] == "N.m" and "time" in arrays.coords
     own = found.log
     own["C"] = 0.0
     assert found.log.C.any()

@@ -123,6 +123,8 @@ def test_draws_are_a_table(project):
     drawn = fit.draw(20, seed=3)
     assert list(drawn.to_frame().columns) == list(fit.params) and len(drawn.to_frame()) == 20
     assert (drawn.array(["s1A.mu"])[:, 0] == drawn.to_frame()["s1A.mu"]).all()
+    arrays = drawn.to_xarray()
+    assert arrays.dims == ("set", "parameter") and (arrays.sel(parameter="s1A.mu") == drawn.to_frame()["s1A.mu"]).all()
     assert repr(drawn).startswith(f"<Draws: 20 sets of {len(fit.params)} parameters")
     assert "<table" in drawn._repr_html_()
     with pytest.raises(FrozenInstanceError):

@@ -208,6 +208,9 @@ def test_a_saved_plan_is_loaded_with_its_motion_sample_by_sample(one, tmp_path):
     assert again.sentences == made.sentences
     for frame in (made.to_frame(), again.to_frame()):
         pd.testing.assert_frame_equal(frame, pd.DataFrame(table(["motor"], one.motion)), check_exact=True)
+    arrays = again.to_xarray()
+    assert (arrays.speed.sel(motor="motor").to_numpy() == made.to_frame()["motor.w"]).all()
+    assert set(arrays.dims) == {"motor", "time"} and (arrays.manoeuvre == made.to_frame()["manoeuvre"]).all()
     assert again.to_csv(tmp_path / "a.csv").read_text() == made.to_csv(tmp_path / "b.csv").read_text()
     with pytest.raises(PycosimError, match="plan.json: a file of results holds no log"):
         again.plot.motion()
