@@ -9,7 +9,7 @@ from nicegui import app, run, ui
 from ..compile import compile_model
 from ..diagnosis.compare import worded
 from ..diagnosis.dependence import noise_floor
-from ..report import charts, drawings, plan_figures, records, schematic, sentences
+from ..report import charts, drawings, outcomes, plan_figures, records, schematic, sentences
 from .session import Session
 from .wizard import Wizard
 from .workbench import Given, Workbench
@@ -327,7 +327,7 @@ class Page:
         dataset, steps = bench.dataset, bench.steps
         if len(steps) < 2:
             return
-        self.later(lambda: drawings.ladder(dataset.units, steps, noise_floor(dataset, steps[-1].model, steps[-1].fit)))
+        self.later(lambda: outcomes.ladder(dataset.units, steps, noise_floor(dataset, steps[-1].model, steps[-1].fit)))
 
     def _guess(self):
         """The guess of a shape, as a file, and a way to try it."""
@@ -399,7 +399,7 @@ class Page:
                                                      for k, t in titles.items()]).classes("w-full")
         for line in fitted.undetermined:
             ui.label(line)
-        self.later(lambda: drawings.intervals(fitted.to_dict()))
+        self.later(lambda: outcomes.intervals(fitted.to_dict()))
 
     @ui.refreshable_method
     def plan(self):

@@ -1,4 +1,4 @@
-"""Data set, fitted models and results in; descriptions of plots, for paper and for a browser alike, out.
+"""Data set and fitted models in; descriptions of plots of their samples, for paper and for a browser alike, out.
 
 Curves and bars differ in dash, marker or hatch as well as in tone, and cells carry numbers. A title says what a plot
 shows; its caption stands for it where it cannot be seen.
@@ -12,9 +12,7 @@ import numpy as np
 
 from ..core.errors import UnknownNameError, closest
 from ..diagnosis.compare import branches, unit_of, worded
-from ..diagnosis.scores import LEVEL
 from . import values
-from .cards import chance
 from .plot import (
     DASHES,
     MARKERS,
@@ -680,122 +678,3 @@ def signature(dataset, before, after, key):
         caption += (f" Then the {missing['kind']} that is missing at {missing['place']}, all else as fitted with the "
                     "effect; the line is the fitted effect.")
     return Plot(f"signature_{key[0]}_{key[1]}", f"What {words} looks like", caption, columns, width=len(columns))
-
-
-def ladder(units, steps, floor):
-    """Error of every step of a search, on the fitted and on the held-out passes.
-
-    Parameters
-    ----------
-    units : dict of str to str
-        By channel.
-    steps : list of Step
-        The base model first.
-    floor : dict of str to float
-        Noise floor of the last model, by channel, in the channel's unit.
-
-    Returns
-    -------
-    Plot
-    """
-    marks, at = [], np.arange(len(steps))
-    for c, channel in enumerate(units):
-        tone, marker = ("before", "after", "third", "ink")[c % 4], MARKERS[c % 4]
-        for kind, text, dash in (("error", "fitted passes", "dash"), ("held_out_error", "held-out passes", "solid")):
-            y = [np.nan if (e := getattr(s, kind).get(channel)) is None else e for s in steps]
-            if np.isfinite(y).any():
-                marks.append(Line(at, y, Look(tone, dash, 1.2, marker, dash == "dash"), f"{channel} {text}"))
-        marks += [replace(m, name=f"{channel} noise floor", look=Look(tone, ("dot", "dashdot")[c % 2], 0.8))
-                  for m in _floor_level(floor, channel)]
-    unit = ", ".join(dict.fromkeys(units.values()))
-    names = ["base"] + [f"+ {_spaced(s.added[0])}\nat {s.added[1]}" for s in steps[1:]]
-    panel = Panel(Axis("model", names=names), Axis("RMSE", unit, low=0), marks)
-    falls = ", ".join(f"{c} from {steps[0].error[c]:.3g} to {steps[-1].error[c]:.3g}" for c in units)
-    return Plot("ladder", "The error, effect by effect", f"Error at every step of the search: {falls} {unit} on the "
-                "fitted passes; lines across: the noise floor.", [[panel]], width=1 if len(steps) < 4 else 1.5,
-                height=2.5)
-
-
-def candidates(diagnosis, most=10, held_out=None):
-    """The error that each of the best candidates would leave by itself, and what became of it.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        Its candidates are drawn, those accepted first.
-    most : int
-        Candidates to show.
-    held_out : dict of str to float, optional
-        Error of the diagnosed model on held-out passes; without it all bars are expectations.
-
-    Returns
-    -------
-    Plot
-    """
-    left = {f.key: _left(diagnosis, f, held_out) for f in diagnosis.candidates}
-    shown = sorted(diagnosis.candidates, key=lambda f: (not f.accepted, left[f.key][0]))[:most]
-    kinds = {}
-    for k, f in enumerate(shown):
-        size, seen = left[f.key]
-        kinds.setdefault((not seen, not f.accepted), []).append((k, 100 * size))
-    marks = []
-    for (expected, other), rows in sorted(kinds.items()):
-        at, sizes = zip(*rows)
-        text = "expected before a refit" if expected else "on held-out passes"
-        marks.append(Bars(at, sizes, Look("faint" if other else "muted", hatch="/" if expected else ""),
-                          f"{'' if other else 'accepted, '}{text}", across=True))
-    marks += [Text(0, k, _fate(diagnosis, f), beside=True) for k, f in enumerate(shown)]
-    panel = Panel(Axis("error left with it alone", "% of the error without it", low=0, high=105),
-                  Axis("candidate", names=[f"{_spaced(f.effect)} at {f.place}" for f in shown], falling=True), marks)
-    return Plot("candidates", "What each candidate would explain", "The error that each candidate would leave by "
-                "itself, in percent of the error without it; hatched: expected before any refit.", [[panel]], width=1.5,
-                height=0.9 + 0.19 * max(3, len(shown)))
-
-
-def _left(diagnosis, finding, held_out):
-    """Share of the error that a candidate leaves, over all channels, and whether held-out passes say so."""
-    seen = bool(finding.held_out_error and held_out)
-    before, after = (held_out, finding.held_out_error) if seen else (diagnosis.error, finding.predicted_error)
-    keys = [c for c in before if c in after and before[c]]
-    return (float(np.sqrt(np.mean([after[c] ** 2 / before[c] ** 2 for c in keys]))) if keys else 1.0), seen
-
-
-def _fate(diagnosis, finding):
-    """What became of a candidate, in a few words."""
-    if finding.accepted:
-        return "accepted"
-    for other in diagnosis.candidates:
-        if other.accepted and any((t["effect"], t["place"]) == finding.key for t in other.twins):
-            return f"not to be told from {_spaced(other.effect)} at {other.place}"
-    if finding.explained_by:
-        return f"explained by {_spaced(finding.explained_by['effect'])} at {finding.explained_by['place']}"
-    if finding.p_value >= LEVEL:
-        return f"as large by chance in {chance(finding.p_value)}"
-    return finding.refused or "not needed"
-
-
-def intervals(parameters):
-    """Parameters with their 95 % intervals, over the larger end of the interval.
-
-    Parameters
-    ----------
-    parameters : dict
-        ``parameters.json``.
-
-    Returns
-    -------
-    Plot
-    """
-    rows, marks = values.interval_rows(parameters), []
-    for sure, look, name in ((True, Look("after", "", marker="circle"), "value and interval"),
-                             (False, Look("before", "", marker="cross"), "at a bound, or not determined by itself")):
-        at = [k for k, row in enumerate(rows) if row["sure"] == sure]
-        if at:
-            low, x, high = np.array([rows[k]["scaled"] for k in at]).T
-            marks.append(Line(x, np.array(at), look, name, reach=(low, high),
-                              told=[f"{rows[k]['value']:.4g} {rows[k]['unit']}" for k in at]))
-    panel = Panel(Axis("share of the interval's larger end"),
-                  Axis("parameter", names=[row["name"] for row in rows], falling=True), marks)
-    return Plot("intervals", "Parameters and their intervals", "Each parameter with its 95 % interval, over the larger "
-                "end of the interval; a cross where it is at a bound or not determined by itself.", [[panel]],
-                height=0.8 + 0.17 * max(3, len(rows)))

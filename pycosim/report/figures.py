@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from ..diagnosis.compare import errors
 from ..diagnosis.dependence import noise_floor
-from . import drawings
+from . import drawings, outcomes
 from .plot import Area, Arrow, Band, Bars, Cells, Level, Line, Names, Spans, Text
 from .schematic import coloured, write_schematic
 from .values import envelope
@@ -386,8 +386,8 @@ def write_figures(folder, dataset, improvement, save=save):
     write_comparison(folder, dataset, base.model, base.fit, (last.model, last.fit) if more else None, save)
     folder = folder / "figures"
     save(drawings.unexplained(dataset, found.unexplained), folder, "unexplained")
-    save(drawings.candidates(improvement.first, held_out=base.held_out_error), folder, "candidates")
-    save(drawings.ladder(dataset.units, steps, found.noise_floor), folder, "ladder")
+    save(outcomes.candidates(improvement.first, held_out=base.held_out_error), folder, "candidates")
+    save(outcomes.ladder(dataset.units, steps, found.noise_floor), folder, "ladder")
     for before, after in zip(steps, steps[1:]):
         name = "signature" if len(steps) == 2 else f"signature_{after.added[0]}_{after.added[1]}"
         plot = drawings.signature(dataset, (before.model, before.fit), (after.model, after.fit), after.added)

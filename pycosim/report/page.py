@@ -22,7 +22,7 @@ from ..data.frames import Frame
 from ..diagnosis.compare import worded
 from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
-from . import cards, charts, drawings, findings, records, schematic, sentences
+from . import cards, charts, drawings, findings, outcomes, records, schematic, sentences
 from .sentences import finite
 from .verdict import Verdict
 
@@ -282,7 +282,7 @@ class Page:
         told = self.dataset.held_out_ranges()
         seconds = sum(b - a for _, a, b in told)
         lines = [f"{len(told)} passes out and back, {seconds:.4g} s, were held out of every fit and of every choice."]
-        return {"lines": lines, "chart": self._keep(drawings.ladder(self.dataset.units, steps, self.floor)),
+        return {"lines": lines, "chart": self._keep(outcomes.ladder(self.dataset.units, steps, self.floor)),
                 "table": _table("Errors, step by step (RMSE of moving samples)",
                                 ("model", "fitted passes", "held-out passes"), rows)}
 
@@ -293,7 +293,7 @@ class Page:
                 for n, v in p["parameters"].items()]
         words = sentences.summary_parameters(p)
         lines = [line for line in words if line.startswith(("Not determined", "Weak", "Error"))]
-        return {"lines": lines, "chart": self._keep(drawings.intervals(p)),
+        return {"lines": lines, "chart": self._keep(outcomes.intervals(p)),
                 "table": _table("Fitted parameters", ("parameter", "value", "95 %", "unit", "", "meaning"), rows)}
 
     # ---- next, again

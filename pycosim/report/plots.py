@@ -1,6 +1,6 @@
 """A fit, a diagnosis, a search or a plan in; Axes that a user can go on with, out.
 
-All is described by `drawings` and `plan_figures`; here each plot is drawn, handed out, and shown in a notebook.
+All is described by `drawings`, `outcomes` and `plan_figures`; here each plot is drawn, handed out, and shown in a notebook.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.errors import PycosimError, UnknownNameError, closest
 from ..diagnosis.dependence import noise_floor
-from . import confirm_figures, cosim_figures, drawings, figures, plan_figures
+from . import cosim_figures, drawings, figures, outcomes, plan_figures
 
 DOTS = 150  # an inch, in a notebook
 
@@ -151,13 +151,13 @@ class FitPlots:
         return handed(found.get(channel or self._dataset.channels[0]), "this rig has no plane to draw over")
 
     def intervals(self) -> Any:
-        """Parameters with their 95 % intervals; see `drawings.intervals`.
+        """Parameters with their 95 % intervals; see `outcomes.intervals`.
 
         Returns
         -------
         matplotlib.axes.Axes
         """
-        return handed(drawings.intervals(self._record))
+        return handed(outcomes.intervals(self._record))
 
     def manoeuvres(self) -> Any:
         """The passes in motor space; see `drawings.manoeuvres`.
@@ -189,7 +189,7 @@ class DiagnosisPlots:
         self._samples, self._found = samples, found
 
     def candidates(self, most: int = 10) -> Any:
-        """Candidates that promise the largest fall of the error; see `drawings.candidates`.
+        """Candidates that promise the largest fall of the error; see `outcomes.candidates`.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ class DiagnosisPlots:
         -------
         matplotlib.axes.Axes
         """
-        return handed(drawings.candidates(self._found, most))
+        return handed(outcomes.candidates(self._found, most))
 
     def unexplained(self) -> Any:
         """Where a residual that no effect explains lives; see `drawings.unexplained`.
@@ -231,13 +231,13 @@ class ConfirmationPlots:
         self._record = record
 
     def errors(self) -> Any:
-        """The error that each effect leaves on the new log, and whether it is confirmed; see `confirm_figures.errors`.
+        """The error that each effect leaves on the new log, and whether it is confirmed; see `outcomes.confirmation`.
 
         Returns
         -------
         matplotlib.axes.Axes
         """
-        return handed(confirm_figures.errors(self._record))
+        return handed(outcomes.confirmation(self._record))
 
 
 class CalibrationPlots:
@@ -253,13 +253,13 @@ class CalibrationPlots:
         self._record = record
 
     def intervals(self) -> Any:
-        """Parameters with their 95 % intervals; see `drawings.intervals`.
+        """Parameters with their 95 % intervals; see `outcomes.intervals`.
 
         Returns
         -------
         matplotlib.axes.Axes
         """
-        return handed(drawings.intervals(self._record))
+        return handed(outcomes.intervals(self._record))
 
 
 class CosimulationPlots:
@@ -308,13 +308,13 @@ class SearchPlots:
         self._samples, self._found, self._units = samples, found, units
 
     def path(self) -> Any:
-        """Error at every step, on fitted and on held-out passes; see `drawings.ladder`.
+        """Error at every step, on fitted and on held-out passes; see `outcomes.ladder`.
 
         Returns
         -------
         matplotlib.axes.Axes
         """
-        return handed(drawings.ladder(self._units, self._found.steps, self._found.last.noise_floor))
+        return handed(outcomes.ladder(self._units, self._found.steps, self._found.last.noise_floor))
 
     def signature(self, step: int = 1) -> Any:
         """What the effect of a step looks like; see `drawings.signature`.

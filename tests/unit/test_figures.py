@@ -14,7 +14,7 @@ from pycosim.diagnosis.dependence import noise_floor
 from pycosim.fit import least_squares
 from pycosim.fit.nullspace import number
 from pycosim.project import Search, open_project
-from pycosim.report import charts, drawings, figures, records, sentences
+from pycosim.report import charts, drawings, figures, outcomes, records, sentences
 from pycosim.report.values import PIXELS, envelope
 from pycosim.study.parse import load_study
 
@@ -42,8 +42,8 @@ def _all(dataset, improvement):
         "residuals": drawings.residuals(dataset, *base, floor),
         "signature": drawings.signature(dataset, base, last, steps[1].added),
         "maps": drawings.first_maps(dataset, *base)[0],
-        "intervals": drawings.intervals(records.parameters(*reversed(last), 0)),
-        "ladder": drawings.ladder(dataset.units, steps, floor), "candidates": drawings.candidates(improvement.first)}
+        "intervals": outcomes.intervals(records.parameters(*reversed(last), 0)),
+        "ladder": outcomes.ladder(dataset.units, steps, floor), "candidates": outcomes.candidates(improvement.first)}
     return {name: figures.figure(plot) for name, plot in plots.items()}
 
 
@@ -71,7 +71,7 @@ def test_every_axis_has_a_label_with_a_unit_where_there_is_one_and_every_figure_
 def test_candidates_are_told_apart_by_what_they_leave_and_what_became_of_them(improvement):
     base, last = improvement.steps
     told = [replace(c, held_out_error=last.held_out_error) if c.accepted else c for c in improvement.first.candidates]
-    figure = figures.figure(drawings.candidates(replace(improvement.first, candidates=told),
+    figure = figures.figure(outcomes.candidates(replace(improvement.first, candidates=told),
                                                 held_out=base.held_out_error))
     fates = [t.get_text() for t in figure.axes[0].texts]
     bars = {round(p.get_y() + p.get_height() / 2): p.get_width() for p in figure.axes[0].patches}
