@@ -1,6 +1,7 @@
 """A fit, a diagnosis, a search or a plan in; Axes that a user can go on with, out.
 
-All is described by `drawings`, `outcomes` and `plan_figures`; here each plot is drawn, handed out, and shown in a notebook.
+All is described by `drawings`, `outcomes` and `plan_figures`; here each plot is drawn, handed out, and shown in a
+notebook.
 """
 
 from __future__ import annotations
@@ -231,7 +232,7 @@ class ConfirmationPlots:
         self._record = record
 
     def errors(self) -> Any:
-        """The error that each effect leaves on the new log, and whether it is confirmed; see `outcomes.confirmation`.
+        """The error that each effect leaves on the new log, and whether it holds; see `outcomes.confirmation`.
 
         Returns
         -------
