@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from functools import partial
 
 import numpy as np
@@ -75,7 +76,7 @@ class Dataset:
         self._segment()
         self._size()
         self._split()
-        self._views, self._records = {}, {}
+        self._views, self._records, self._early = {}, {}, None
 
     # ---- what is known, what is compared
 
@@ -438,6 +439,7 @@ class Dataset:
         key = blocks.tobytes()
         if key not in self._views:
             inside = np.isin(self.block, blocks) & self.moving & (self.passes >= 0)
+            inside = inside if self._early is None else inside & ~self._early
             if not self.paired:
                 self._views[key] = np.flatnonzero(inside)
             else:
@@ -447,6 +449,31 @@ class Dataset:
                 keep = inside[p.i] & inside[p.j0] & inside[p.j1]
                 self._views[key] = segmentation.Pairs(p.i[keep], p.j0[keep], p.j1[keep], p.weight[keep])
         return self._views[key]
+
+    def settled(self, model, parameters):
+        """These data as far as a model with a filter of a torque can tell what the torque was.
+
+        What a filter holds back after a start is the torque of before, of rest and of the first motion, which nobody
+        measured: there an error of that would be taken for a longer filter, or for an effect of the travel.
+
+        Parameters
+        ----------
+        model : Model
+        parameters : dict of str to float
+            Time constants [s] among them.
+
+        Returns
+        -------
+        Dataset
+            With fewer samples in its parts; this one where the model filters no torque, or nothing is left out.
+        """
+        lag = 0.0 if self._early is not None else torques.lag(self.ask(model), parameters)
+        early = torques.unsettled(self, lag) if lag > 0 else None
+        if early is None or not early.any():
+            return self
+        other = copy.copy(self)
+        other._views, other._early = {}, early
+        return other
 
     def path(self, part, thin):
         """Samples by which friction states are followed when a part is thinned.

@@ -21,6 +21,8 @@ LONGEST = 32  # samples of one mean at most
 STRETCHES = 5.0
 """Times that a log must hold the memory of its noise: what it holds less often is a trend, of which it shows one."""
 VALLEYS = 3  # memories of the grid from which the search starts: the likelihood may have another valley at the longest
+_MANY = 40  # means of that many samples, of which fewer tell little of a memory
+COARSE = 16  # samples of the means that must tell of the same noise as single samples do
 PROVED = 3.0  # least gain in log-likelihood for which correlated noise is assumed: 5 % by chance (its two parameters)
 
 
@@ -277,7 +279,9 @@ def fit_noise(residual, chain, absorbed=None, start=None):
     """Estimate the noise of one channel from its residual, by restricted maximum likelihood.
 
     Means over short stretches hold what is known of the slow part, the scatter within them what is known of the white
-    part; both have closed forms for exponential correlation.
+    part; both have closed forms for exponential correlation. Behind a filter, noise has two memories, of which single
+    samples tell the shorter one. Where means over longer stretches prove that noise wrong, the noise that they tell of
+    is taken: effects are slow.
 
     Parameters
     ----------
@@ -301,9 +305,20 @@ def fit_noise(residual, chain, absorbed=None, start=None):
     """
     variance = float(np.mean(residual ** 2)) if len(residual) else 1.0
     plain = Noise(math.sqrt(max(chain.colour * variance, 1e-300)))
-    means = _Means.of(residual, np.zeros((0, len(residual))) if absorbed is None else absorbed, chain)
+    absorbed = np.zeros((0, len(residual))) if absorbed is None else absorbed
+    means = _Means.of(residual, absorbed, chain)
     if means is None or variance <= 0:
         return plain
+    found = _told_by(means, start) or plain
+    coarse = _Means.of(residual, absorbed, chain, COARSE)
+    if coarse is None:
+        return found
+    other = _told_by(coarse, start) or Noise(math.sqrt(coarse.evaluate((-50.0, math.log(coarse.least)))[1]))
+    return other if coarse.unlikely(found) > coarse.unlikely(other) + PROVED else found
+
+
+def _told_by(means, start):
+    """The noise that is likeliest by means; None where that is white."""
     if start is None or start.slow == 0.0:
         times = np.linspace(math.log(means.least), math.log(means.longest), 4)
         best = sorted((min(((r, t) for r in (-2.5, -1.0, 0.5)), key=means.misfit) for t in times), key=means.misfit)
@@ -312,7 +327,7 @@ def fit_noise(residual, chain, absorbed=None, start=None):
         starts = [means.inside((math.log(start.slow / start.white), math.log(start.memory)))]
     found = min((_least(means.misfit, x) for x in starts), key=lambda f: f.fun)
     if found.fun > means.misfit((-50.0, found.x[1])) - PROVED:
-        return plain
+        return None
     r, t = means.inside(found.x)
     white = math.sqrt(means.evaluate((r, t))[1])
     return Noise(white, white * math.exp(r), math.exp(t))
@@ -338,8 +353,11 @@ class _Means:
     longest: float
 
     @classmethod
-    def of(cls, residual, absorbed, chain):
-        """Cut into stretches; None where too few samples follow each other."""
+    def of(cls, residual, absorbed, chain, coarse=None):
+        """Cut into stretches; None where too few samples follow each other.
+
+        Of ``coarse`` samples each, where that many are asked for; the scatter within them is then not counted.
+        """
         gaps = chain.gaps
         regular = gaps[np.isfinite(gaps)]
         if len(residual) < 20 or len(regular) < 8:
@@ -350,7 +368,9 @@ class _Means:
         if length.max() < 8:
             return None
         least = math.ceil(3 * chain.colour) if chain.colour > 1 else 1  # samples in common are no slow noise
-        size = int(min(max(len(residual) // BLOCKS, least), LONGEST, max(np.median(length) // 4, 1)))
+        size = int(min(coarse or max(len(residual) // BLOCKS, least), LONGEST, max(np.median(length) // 4, 1)))
+        if coarse and (size < coarse or len(residual) < _MANY * coarse):
+            return None
         pieces = [(a, n // size) for a, n in zip(edges[:-1].tolist(), length.tolist()) if n >= size]
         pieces = pieces[::max(1, round(sum(n for _, n in pieces) / BLOCKS))]
         begins = np.concatenate([a + size * np.arange(n) for a, n in pieces])
@@ -364,8 +384,9 @@ class _Means:
         within *= chain.colour / max(1 - (chain.colour - 1) / size, 0.5)
         lags = None if chain.lags is None else chain.lags[index].mean(1)
         least = step * max(size / 4, 0.4)
-        return cls(rows, Chain(np.r_[math.inf, apart], lags), step, size, within, len(begins) * (size - 1),
-                   least, max(float(regular.sum()) / STRETCHES, 2 * least))
+        within, count = (0.0, 0) if coarse else (within, len(begins) * (size - 1))
+        longest = max(float(regular.sum()) / STRETCHES, 2 * least)
+        return cls(rows, Chain(np.r_[math.inf, apart], lags), step, size, within, count, least, longest)
 
     def inside(self, x):
         """Logarithms of slow over white and of the memory, where the closed forms hold."""
@@ -375,8 +396,15 @@ class _Means:
         """Minus the restricted log-likelihood, with the scale at its best."""
         return self.evaluate(self.inside(x))[0]
 
-    def evaluate(self, x):
-        """Misfit, and the white variance that is best."""
+    def unlikely(self, noise):
+        """Minus the restricted log-likelihood of a noise with its own scale."""
+        x = self.inside((math.log(noise.slow / noise.white), math.log(noise.memory)) if noise.slow else
+                        (-50.0, math.log(self.least)))
+        misfit, scale, n = self.evaluate(x, True)
+        return misfit + 0.5 * n * (math.log(noise.white ** 2 / scale) + scale / noise.white ** 2)
+
+    def evaluate(self, x, count=False):
+        """Misfit, the white variance that is best, and, where asked for, how many values tell it."""
         d, ratio, memory = self.size, math.exp(2 * x[0]), math.exp(x[1])
         phi = math.exp(-self.step / memory)
         mean = (1 - phi ** d) / (d * (1 - phi))
@@ -395,7 +423,8 @@ class _Means:
         scale = max((left + self.within / scatter) / n, 1e-300)
         logs = 2 * np.log(spread).sum() + self.count * math.log(scatter)
         logs += np.log(np.maximum(np.linalg.eigvalsh(a), 1e-10)).sum() if len(a) else 0.0
-        return 0.5 * (n * math.log(scale) + logs), scale
+        misfit = 0.5 * (n * math.log(scale) + logs)
+        return (misfit, scale, n) if count else (misfit, scale)
 
 
 def contiguous(time, group):

@@ -10,12 +10,17 @@ import itertools
 import numpy as np
 
 from ..dynamics.delays import between
-from ..dynamics.filters import first_order
+from ..dynamics.filters import first_order, settings
 from .noise import contiguous
+from .turns import built_up
 
 SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
 _FEW = 20  # samples of a pass or a direction, of which nothing is predicted
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
+SETTLED = 2.0  # time constants after which little is left of what is not known of the onset of a jump
+LAGS = np.geomspace(0.002, 0.3, 16)  # s, of filters that are tried on a start
+TRAVELS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # over the model's own, that friction may build up over at a start
+SHARE = 0.2  # of a pass that may be left to what happens at its ends
 
 
 def predicted(dataset, values, trusted=None):
@@ -77,33 +82,119 @@ def held_back(dataset, name, lag):
     behind, by_lag : ndarray, shape (n,)
         In the torque's unit, and in that a second.
     """
-    smooth = dataset.memo(("torques.settled", name),
-                          lambda: _settled(dataset, dataset.signals.get(name, 0.0 * dataset.time)))
-    (filtered,), (by_lag,) = first_order(smooth[None], lag, dataset.time, dataset.run)
-    return smooth - filtered, -by_lag
+    start = dataset.memo(("torques.start", name),
+                         lambda: _Start(dataset, dataset.signals.get(name, 0.0 * dataset.time)))
+
+    def filtered(torque):
+        return (part[0] for part in first_order(torque[None], lag, dataset.time, dataset.run))
+    late = start.torque - next(filtered(start.torque))
+    smooth = start.settled(start.values + late)  # what the motion predicts of the record itself is late as well
+    behind, by_lag = filtered(smooth)
+    return smooth - behind, -by_lag
 
 
-def _settled(dataset, values):
-    """What the motion predicts of a torque from samples at which a filter has caught up, between turns.
+def lag(question, parameters):
+    """The longest time constant of the filters through which a question's torques were recorded.
 
-    A sample below the least speed that goes the way of its neighbour is as that.
+    Parameters
+    ----------
+    question : Question
+    parameters : dict of str to float
+
+    Returns
+    -------
+    float
+        [s]; none where no filter is among the question's effects.
     """
-    starts = np.append(True, (np.diff(dataset.passes) != 0) | (np.diff(dataset.run) != 0))
-    start = np.maximum.accumulate(np.where(starts, np.arange(len(values)), 0))
-    found = predicted(dataset, values, dataset.moving & (dataset.time - dataset.time[start] > JUMP))
-    way = np.sign(dataset.speeds)
-    turns = np.flatnonzero(np.any(np.diff(way, axis=1) != 0, axis=0) | (np.diff(dataset.run) != 0)) + 1
-    for part in np.split(np.arange(len(values)), turns):
-        moving = part[dataset.moving[part]]
-        if moving.size:
-            found[part[0]:moving[0]], found[moving[-1] + 1:part[-1] + 1] = found[moving[0]], found[moving[-1]]
+    return float(np.max(settings(question, [f"lag({n})" for n in question.late], parameters), initial=0.0))
+
+
+def unsettled(dataset, lag):
+    """Samples of the start of a pass that a filter still tells of, of no more than a fifth of a pass.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    lag : float
+        Time constant [s].
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    found = np.zeros(len(dataset.time), dtype=bool)
+    for s in contiguous(dataset.time, dataset.passes):
+        since = dataset.time[s] - dataset.time[s.start]
+        found[s] = (dataset.passes[s.start] >= 0) & (since < min(SETTLED * lag, SHARE * since[-1]))
     return found
 
 
-def slope(dataset, name):
-    """Slope of what the motion alone predicts of a signal, well inside the passes.
+class _Start:
+    """What the motion predicts of a torque from samples at which a filter has caught up, from one turn to the next.
 
-    It is zero near their ends, where a torque recorded late jumps, and tells of that jump and of no slope.
+    A sample below the least speed that goes the way of its neighbour is as that, but for what friction builds up over a
+    travel: jumps that come too early would be taken for a longer filter. The travel, of the model's own, is the one
+    with which some filter gives the record.
+    """
+
+    def __init__(self, dataset, values):
+        self.dataset, self.values = dataset, values
+        starts = np.append(True, (np.diff(dataset.passes) != 0) | (np.diff(dataset.run) != 0))
+        since = dataset.time - dataset.time[np.maximum.accumulate(np.where(starts, np.arange(len(values)), 0))]
+        self.trusted = dataset.moving & (since > JUMP)
+        way = np.sign(dataset.speeds)
+        turns = np.flatnonzero(np.any(np.diff(way, axis=1) != 0, axis=0) | (np.diff(dataset.run) != 0)) + 1
+        parts = [(part, part[dataset.moving[part]]) for part in np.split(np.arange(len(values)), turns)]
+        self.parts = [(part, moving) for part, moving in parts if moving.size]
+        self.shares = [None] * len(self.parts)
+        self.torque = self.settled(values)
+        if not dataset.averaged and dataset.base.segments:
+            self.shares = min((self.shares, *map(self._shares, TRAVELS)), key=self._off)
+            self.torque = self.settled(values)
+
+    def settled(self, values):
+        """What the motion predicts of a record, also before and after a pass, and while friction is built up."""
+        found = predicted(self.dataset, values, self.trusted)
+        for (part, moving), share in zip(self.parts, self.shares, strict=True):
+            found[part[0]:moving[0]], found[moving[-1] + 1:part[-1] + 1] = found[moving[0]], found[moving[-1]]
+            if share is not None:
+                found[part] = found[part[0] - 1] + share * (found[part] - found[part[0] - 1])
+        return found
+
+    def _shares(self, times):
+        """How much of the jump at each start has come, after a travel that is so many times the model's own."""
+        data = self.dataset
+        parameters = {n: v.value for n, v in data.parameters.variables(data.base).items()}
+        built = built_up(data, parameters, times)
+        return [_share(built[:, part[0] - 1:part[-1] + 1], np.sign(data.speeds[:, moving[0]]))
+                if part[0] and data.run[part[0]] == data.run[part[0] - 1] else None for part, moving in self.parts]
+
+    def _off(self, shares):
+        """What the best filter of the torque leaves of the record soon after the starts."""
+        data, self.shares = self.dataset, shares
+        torque, early = self.settled(self.values), np.zeros(len(self.values), dtype=bool)
+        for part, _ in self.parts:
+            early[part] = data.time[part] - data.time[part[0]] < 2 * JUMP
+        return min(np.sum((self.values - first_order(torque[None], lag, data.time, data.run)[0][0])[early] ** 2)
+                   for lag in LAGS)
+
+
+def _share(built, way):
+    """How much of a jump has come, on the mean of the segments that turn, from before it on: from 0 to 1."""
+    span = way - built[:, 0]
+    turning = np.abs(span) > 0.5
+    if not turning.any():
+        return np.ones(built.shape[1] - 1)
+    share = ((built[turning] - built[turning, :1]) / span[turning, None]).mean(0)[1:]
+    return np.clip(np.maximum.accumulate(share), 0.0, 1.0)
+
+
+def slope(dataset, name):
+    """Slope of what the motion alone predicts of a signal, well inside the passes, and of the record elsewhere.
+
+    Near the ends of a pass a torque recorded late jumps, and the motion predicts it elsewhere. The first slope is zero
+    there: it tells of that jump and of no slope. The record's own, over five samples, is needed between two samples:
+    else the error over a delay has steps on which a fit stops.
 
     Parameters
     ----------
@@ -114,16 +205,30 @@ def slope(dataset, name):
 
     Returns
     -------
-    ndarray, shape (n,)
-        In the signal's unit a second.
+    inside, jumping : ndarray, shape (n,)
+        In the signal's unit a second; one of them is zero at each sample.
     """
     def make():
-        found, values = np.zeros(len(dataset.time)), dataset.exogenous().get(name, np.zeros(len(dataset.time)))
+        nothing = np.zeros(len(dataset.time))
+        inner, values = nothing.copy(), dataset.exogenous().get(name, nothing)
+        outer = _own_slope(dataset, dataset.signals.get(name, nothing))
         for s, reach, inside in _passes(dataset):
             ahead, behind = (np.interp(dataset.time[s] + sign * reach, dataset.time[s], values[s]) for sign in (1, -1))
-            found[s] = np.where(inside, ahead - behind, 0.0) / max(2 * reach, 1e-300)
-        return found
+            inner[s] = np.where(inside, ahead - behind, 0.0) / max(2 * reach, 1e-300)
+            outer[s][inside] = 0.0
+        return inner, outer
     return dataset.memo(("torques.slope", name), make)
+
+
+def _own_slope(dataset, values):
+    """Slope of a record over five samples, log by log; none at the ends of a log."""
+    found = np.zeros(len(values))
+    for k in np.unique(dataset.run):
+        own = np.flatnonzero(dataset.run == k)
+        if len(own) > 4:
+            x, t = values[own], dataset.time[own]
+            found[own[2:-2]] = (2 * (x[4:] - x[:-4]) + x[3:-1] - x[1:-3]) / (2.5 * (t[4:] - t[:-4]))
+    return found
 
 
 def calm(dataset, name, delay, moved):
@@ -165,7 +270,7 @@ def _passes(dataset):
     for s in contiguous(dataset.time, dataset.passes):
         if dataset.passes[s.start] >= 0:
             time = dataset.time[s]
-            reach = min(JUMP, 0.2 * (time[-1] - time[0]))
+            reach = min(JUMP, SHARE * (time[-1] - time[0]))
             yield s, reach, (time >= time[0] + reach) & (time <= time[-1] - reach) & (reach > 0)
 
 

@@ -87,29 +87,48 @@ def of_travel(dataset, parameters, moving):
     -------
     ndarray of bool, shape (n,)
     """
-    base, question, signals = dataset.base, dataset.question, dataset.signals
-    own = [f"{c}.z" for c in base.segments]
-    if dataset.averaged or not own:
+    base, question = dataset.base, dataset.question
+    if dataset.averaged or not base.segments:
         return np.zeros(len(dataset.time), dtype=bool)
-    rates, at = {n: v for n, v in signals.items() if n.startswith("der(")}, [question.states.index(n) for n in own]
+    at, way = [question.states.index(f"{c}.z") for c in base.segments], np.sign(dataset.speeds)
     sliding = np.zeros((len(question.states), len(dataset.time)))
-    sliding[at] = np.sign(dataset.speeds)
-
-    def state(times):
-        longer = {n: v * times if n.endswith(".travel") else v for n, v in parameters.items()}
-        return propagate(question, rates, dataset.time, longer, dataset.run, only=own)[0][at]
+    sliding[at] = way
 
     def predicted(states):
         return np.array(list(dataset.segment_signals(base, parameters, dataset.outputs, states).values()))
 
-    early, at_once, columns = state(1.0), predicted(sliding), []
+    early, at_once, columns = built_up(dataset, parameters), predicted(sliding), []
     for k, row in enumerate(at):
         states = sliding.copy()
         states[row] = early[k]
         columns.append(predicted(states) - at_once)
     errors = np.array([dataset.reference(c) for c in dataset.outputs]) - at_once
-    return building_up(early - sliding[at], state(LONGER) - sliding[at], moving, dataset.passes, dataset.time, errors,
-                       np.array(columns))
+    return building_up(early - way, built_up(dataset, parameters, LONGER) - way, moving, dataset.passes, dataset.time,
+                       errors, np.array(columns))
+
+
+def built_up(dataset, parameters, times=1.0):
+    """How far the friction of each segment has been built up over the model's own travel.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its question and signals are known.
+    parameters : dict of str to float
+        Of the base model, `travel` [rad] or [m] among them.
+    times : float
+        That travel, over the one of the parameters.
+
+    Returns
+    -------
+    ndarray, shape (segments, n)
+        From -1, sliding backwards, to 1.
+    """
+    names = [f"{c}.z" for c in dataset.base.segments]
+    rates = {n: v for n, v in dataset.signals.items() if n.startswith("der(")}
+    longer = {n: v * times if n.endswith(".travel") else v for n, v in parameters.items()}
+    states = propagate(dataset.question, rates, dataset.time, longer, dataset.run, only=names)[0]
+    return states[[dataset.question.states.index(n) for n in names]]
 
 
 def without_ends(dataset, moving, angles):

@@ -12,6 +12,7 @@ from ..compile.effects import annotation
 from ..core.errors import ModelicaError, PlanError, closest
 from ..diagnosis.decide import diagnose, nudged
 from ..fit import least_squares
+from ..fit.bounded import bounded
 from .goals import GOALS, goal_named
 from .information import Block, ChannelNoise, Node, StrokeInformation
 from .motion import assemble, ordered
@@ -552,7 +553,7 @@ def separations(plan):
         if block.other is None:
             continue
         whole, free = gram[-1, -1], np.full(len(gram) - 1, np.inf)
-        bent, _ = least_squares.bounded(gram[:-1, :-1], gram[:-1, -1], *(block.room or (-free, free)))
+        bent, _ = bounded(gram[:-1, :-1], gram[:-1, -1], *(block.room or (-free, free)))
         left = max(float(whole - bent), 0.0)
         true, other = block.name
         found.append({"true": true, "other": other, "difference": math.sqrt(left),

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..data.noise import contiguous
 from ..data.scatter import noise_level
-from ..fit.least_squares import bounded
+from ..fit.bounded import bounded
 
 LARGEST = 50e6  # bytes of derivatives that rivals are compared by: a longer log is thinned
 

@@ -14,6 +14,7 @@ import numpy as np
 from ..compile import catalogue, compile_model, component_name, find_effect, find_place
 from ..core.errors import NoAnswerError, PycosimError
 from ..fit import least_squares
+from ..fit.late import delays
 from . import first_look
 from .compare import errors
 from .constancy import allowed, constancy
@@ -33,8 +34,8 @@ NOTHING = "its interval holds zero, so that something else is at work"
 UNSOLVED = "beside the effects of the model it has no answer in closed form"
 ALIKE = 0.2  # of what the best takes away, that an alternative may leave
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
+PLAIN = 0.05  # of the plain squared error, by which it must be lower to decide: something else that is missing moves it
 REFITS = 10
-REACH, STEPS = 40, 6  # samples either way that a delay is looked for within, and how often in turn with the rest
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -144,7 +145,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     -------
     Diagnosis
     """
-    say = progress or (lambda text: None)
+    say, dataset = progress or (lambda text: None), dataset.settled(model, fit.parameters)
     say("testing every candidate effect at every place")
     table = Table(dataset, model, fit)
     first_look.tell(say, table)
@@ -314,7 +315,7 @@ def _refit_from(dataset, model, noise, finding, other, usual):
     start = {**finding.fit.parameters, **{n: other.fit.parameters[n] for n in model.parameters},
              **{f"{at}.{n}": other.fit.parameters[f"{whose}.{n}"] for n in names}}
     try:
-        fit = least_squares.fit(dataset, larger, start, most=TRIAL, noise=noise)
+        fit = least_squares.fit(dataset, larger, start, most=TRIAL, noise=noise, held=_earlier(larger))
     except NoAnswerError:
         return
     if _cost(fit, usual) < _cost(finding.fit, usual):
@@ -362,46 +363,23 @@ def _best_fit(dataset, model, start, noise, usual):
 
     A loss that would be negative is none: beyond that the errors bend, and have valleys of their own.
     """
-    fit = least_squares.fit(dataset, model, start, most=TRIAL, noise=noise)
+    fit = least_squares.fit(dataset, model, start, most=TRIAL, noise=noise, held=_earlier(model))
     base, effect = component_name(*model.attached[-1]), model.attached[-1][0]
-    late = next((f"{base}.{c}" for c, kind in effect.scan.items() if kind == "delay"), None)
-    if late in fit.free:
-        fit = _from_every_sample(dataset, model, fit, late, noise, usual)
     if not any(fit.at_bound(n) for n in fit.free if not n.startswith(base + ".")):
         return fit
     twice = {name: min(max(2 * start.get(name, v.value) - v.value, v.min), v.max) for name, v in (
         (f"{base}.{c}", model.parameters[f"{base}.{c}"]) for c in effect.size)}
     try:
-        other = least_squares.fit(dataset, model, {**start, **twice}, most=TRIAL, noise=noise)
+        other = least_squares.fit(dataset, model, {**start, **twice}, most=TRIAL, noise=noise, held=_earlier(model))
     except NoAnswerError:  # so large an effect leaves no motion
         return fit
     return min(fit, other, key=lambda f: _cost(f, usual))
 
 
-def _from_every_sample(dataset, model, fit, name, noise, usual):
-    """Fit once more from the delay, a whole number of samples, that leaves least with the other parameters as fitted.
-
-    A torque jumps where a segment turns, and a record that is moved by one sample more has another jump in its place:
-    the error over the delay has steps that a fit does not climb.
-    """
-    step, at = float(np.median(np.diff(dataset.time))), fit.free.index(name)
-    low, high = fit.variables[name].min, fit.variables[name].max
-    for _ in range(STEPS):
-        problem = dataset.residuals(model, fit.free, fit.parameters)
-        problem = problem.thin(max(1, problem.n // TRIAL))
-
-        def left(delay, problem=problem, values=fit.values):
-            squares = problem.residual(np.r_[values[:at], delay, values[at + 1:]]) ** 2
-            return float((squares.mean(axis=1) / usual.ravel() ** 2).sum())
-        delays = [d for d in step * np.arange(-REACH, REACH + 1) if low < d < high]
-        best = min(delays, key=left, default=None)
-        if best is None or left(best) >= left(fit.values[at]):
-            break
-        other = least_squares.fit(dataset, model, {**fit.parameters, name: best}, most=TRIAL, noise=noise)
-        if _cost(other, usual) >= _cost(fit, usual):
-            break
-        fit = other
-    return fit
+def _earlier(model):
+    """Delays that a trial of the effect attached last does not look for again."""
+    base = component_name(*model.attached[-1])
+    return [n for n in delays(model) if not n.startswith(base + ".")]
 
 
 def _none(variable):
@@ -465,7 +443,7 @@ def _decide(findings, rivals, base, refines, steady):
         return None
     best = _plainly_better(base, earned)
     if _at_a_bound(best):  # a coefficient that the bounds alone hold is no measurement, where another does as well
-        best = next((f for f in earned[1:] if not _at_a_bound(f) and _twins(base, f, best)), best)
+        best = next((f for f in earned[1:] if not _at_a_bound(f) and _twins(base, f, best, kinds=("white",))), best)
     twins = [f for f in rivals if f is not best and f.refused not in (NOTHING, UNSOLVED) and _twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(base, f, best, 3.0)), None)
     enough = plain is not None and steady(plain)
@@ -494,7 +472,7 @@ def _plainly_better(base, earned):
         behind, error = difference(f.selection.white, best.selection.white)
         ahead, own = difference(best.selection.raw, f.selection.raw)
         if (behind <= SEPARATE * error and behind < ALIKE * fall
-                and ahead > max(SEPARATE * own, RELEVANT * best.selection.raw.sum())):
+                and ahead > max(SEPARATE * own, PLAIN * best.selection.raw.sum())):
             better.append(f)
     return min(better, key=lambda f: f.selection.raw.sum()) if better else best
 
@@ -552,15 +530,17 @@ def _told_from_nothing(dataset, model, finding, smaller, without):
     return replace(finding.fit, apart={f"{base}.{n}": neutral for n, neutral in finding.sizes.items()})
 
 
-def _twins(base, other, best, errors=SEPARATE):
+def _twins(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
     """Whether unseen folds cannot tell two refitted candidates apart: by so many standard errors, and what they take.
 
-    Rivals that take away very different parts of the error are no alternatives, however noisy the comparison.
+    Rivals that take away very different parts of the error are no alternatives, however noisy the comparison. One that
+    its bounds hold errs less in the plain error than one that the other folds must tell: the whitened one counts that.
     """
-    for kind, least in (("white", 2.0 * errors ** 2), ("raw", RELEVANT * best.selection.raw.sum())):
+    least = {"white": 2.0 * errors ** 2, "raw": RELEVANT * best.selection.raw.sum()}
+    for kind in kinds:
         one, two, none = (getattr(s, kind) for s in (other.selection, best.selection, base))
         gap, spread = difference(one, two)
-        if gap >= least and not (gap <= errors * spread and gap < ALIKE * difference(none, two)[0]):
+        if gap >= least[kind] and not (gap <= errors * spread and gap < ALIKE * difference(none, two)[0]):
             return False
     return True
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..core.early import tell_early
 from ..fit import least_squares
+from ..fit.bounded import bounded
 
 ENOUGH = 3000  # samples: a share of the error's energy is known to some percent from as many
 TRIED = 40  # candidates that are tried within all bounds, of those that would take most without
@@ -52,10 +53,10 @@ def first_look(table):
     tried = sorted(table.candidates, key=lambda c: -_free_fall(gram, p, c))[:TRIED]
     low = np.array([table.fit.variables[n].min for n in table.fit.free]) - table.fit.values
     high = np.array([table.fit.variables[n].max for n in table.fit.free]) - table.fit.values
-    without, best = least_squares.bounded(gram[:p, :p], gram[:p, -1], low, high)[0], {}
+    without, best = bounded(gram[:p, :p], gram[:p, -1], low, high)[0], {}
     for c in tried:
         a, b = _summed(gram, p, c)
-        fall = least_squares.bounded(a, b, np.r_[low, c.lower], np.r_[high, c.upper])[0] - without
+        fall = bounded(a, b, np.r_[low, c.lower], np.r_[high, c.upper])[0] - without
         share = float(fall / max(gram[-1, -1] - without, 1e-300))
         if share >= WORTH and share > best.get(c.effect.id, Likely("", "", 0.0)).share:
             best[c.effect.id] = Likely(c.effect.id, c.place.name, share)

@@ -13,7 +13,7 @@ from scipy import special
 
 from ..data.noise import fit_noise
 from ..fit import least_squares
-from ..fit.least_squares import bounded
+from ..fit.bounded import bounded
 from .cycles import ripples
 
 LEVEL = 0.01

@@ -331,22 +331,24 @@ def _shortfall(dataset, steps, noise, known, seed):
     Over what is allowed: the largest of what each would gain where its coefficient varies, beside the others, of what
     it adds to the errors of the held-out part, and of what is left over what they have taken together.
     """
-    full = select(dataset, steps[-1].model, steps[-1].fit, noise)
-    before = select(dataset, steps[known - 1].model, steps[known - 1].fit, noise, full.usual)
+    fulls = _Selections(dataset, steps[-1], noise)
+    here, full = fulls.beside(steps[known - 1].model)
+    before = select(here, steps[known - 1].model, steps[known - 1].fit, noise, full.usual)
 
     def risen(without):
         return rises(*({"fit": s.error, "test": s.held_out_error} for s in (without, steps[-1])))
 
-    told = constancy(dataset, steps[-1].model, steps[-1].fit)
+    told = constancy(here, steps[-1].model, steps[-1].fit)
     follows = {name: max(told[s.added].follows[name] for s in steps[known:])
                for name in told[steps[-1].added].follows}
-    left = dependence(dataset, steps[-1].model, steps[-1].fit, seed)
+    left = dependence(here, steps[-1].model, steps[-1].fit, seed)
     worst = remaining(left, before, full, follows, risen(steps[known - 1]))[0] / LEFT
     for out in steps[known:]:
         rest = [k for k in steps[-1].model.keys if k != out.added]
         model = compile_model(dataset.library, steps[0].model.rig, rest)
         fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
-        alone = select(dataset, model, fit, noise, full.usual)
+        here, full = fulls.beside(model)
+        alone = select(here, model, fit, noise, full.usual)
         takes, spread = difference(alone.raw, full.raw)
         if takes <= spread:  # superfluous beside the others
             return float("inf")
@@ -354,6 +356,31 @@ def _shortfall(dataset, steps, noise, known, seed):
         effect = next(e for e, p in steps[-1].model.attached if (e.id, p.name) == out.added)
         worst = max(worst, told[out.added].gain * full.raw.sum() / (allowed(effect) * takes))
     return worst
+
+
+class _Selections:
+    """The last step's errors on unseen folds, beside models that lack something of it.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    step : Step
+    noise : list of Noise
+    """
+
+    def __init__(self, dataset, step, noise):
+        self.dataset, self.step, self.noise, self._known = dataset, step, noise, {}
+
+    def beside(self, model):
+        """The data on which a model is compared with the step, and the step's errors there.
+
+        Only where both filter a torque do they leave out what the filter has not settled at.
+        """
+        here = self.dataset.settled(model, self.step.fit.parameters)
+        key = here is self.dataset
+        if key not in self._known:
+            self._known[key] = here, select(here, self.step.model, self.step.fit, self.noise)
+        return self._known[key]
 
 
 def _added(dataset, steps, chosen, progress):
@@ -380,7 +407,7 @@ def _revised(dataset, steps, noise, seed, progress):
 
     The last effect was chosen with all others in the model.
     """
-    base, full = steps[0].model, None
+    base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     for out in steps[1:-1]:
         rest = [s for s in steps[1:] if s is not out]
         keys = [*base.keys, *(s.added for s in rest)]
@@ -390,8 +417,8 @@ def _revised(dataset, steps, noise, seed, progress):
         if found is None or out.added in [found.key, *((t["effect"], t["place"]) for t in found.twins)]:
             continue
         larger = compile_model(dataset.library, base.rig, [*keys, found.key])
-        full = full or select(dataset, steps[-1].model, steps[-1].fit, noise)
-        other = select(dataset, larger, found.fit, noise, full.usual)
+        here, full = fulls.beside(model)
+        other = select(here, larger, found.fit, noise, full.usual)
         gains = [difference(getattr(full, kind), getattr(other, kind)) for kind in ("white", "raw")]
         if all(gain > SEPARATE * spread for gain, spread in gains):  # the luck of folds changes nobody's mind
             return _ladder(dataset, steps[0], [*rest, Step(found.key, larger, found.fit, {}, {}, found)])
@@ -400,17 +427,17 @@ def _revised(dataset, steps, noise, seed, progress):
 
 def _prune(dataset, steps, noise):
     """Leave out, one after the other, effects whose absence does not raise the selection error beyond its own error."""
-    base, full = steps[0].model, None
+    base = steps[0].model
     while len(steps) > 2:
-        full = full or select(dataset, steps[-1].model, steps[-1].fit, noise)
+        fulls = _Selections(dataset, steps[-1], noise)
         for out in steps[1:-1]:
             rest = [s for s in steps[1:] if s is not out]
             model = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
             fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
-            left = select(dataset, model, fit, noise, full.usual)
-            rise, spread = difference(left.raw, full.raw)
+            here, full = fulls.beside(model)
+            rise, spread = difference(select(here, model, fit, noise, full.usual).raw, full.raw)
             if rise <= spread:
-                steps, full = _ladder(dataset, steps[0], rest), left
+                steps = _ladder(dataset, steps[0], rest)
                 break
         else:
             break

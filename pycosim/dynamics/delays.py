@@ -31,10 +31,11 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
         Of the samples [s], and the number of the log that each belongs to.
     parameters : dict of str to float
         Delays [s] among them.
-    slopes : dict of str to ndarray, optional
-        Of those signals that are measured torques, without their noise. A spline takes noise away between samples,
-        which would look like a better fit, and sees a slope where a torque jumps; with a slope, the nearest sample is
-        taken along it.
+    slopes : dict of str to (ndarray, ndarray), optional
+        Of those signals that are measured torques, without their noise, and, where that tells nothing, of the record
+        over some samples. A spline takes noise away between samples, which would look like a better fit; with slopes,
+        the nearest sample is taken along them. The derivative by the delay is the first alone: where a torque jumps,
+        the error is no parabola of the delay.
     held : callable, optional
         Name of such a signal and a time constant to what a filter of first order holds back of it, and the derivative
         of that by the time constant, each of shape (n,).
@@ -61,8 +62,8 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
             found[name], back = one.at(delay), (lag * slope, slope)
         else:
             near, apart = _nearest(time, run, delay)
-            slope = slopes[name][near]
-            found[name] = signals[name][near] + slope * apart
+            slope, jumping = (s[near] for s in slopes[name])
+            found[name] = signals[name][near] + (slope + jumping) * apart
             if moved:
                 calm = moved(name, delay, found[name])
                 found[name] = np.where(np.isnan(calm), found[name], calm)

@@ -11,8 +11,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.optimize import least_squares, linprog, lsq_linear
+from scipy.optimize import least_squares, linprog
 from scipy.special import stdtrit  # quantiles of Student's t; scipy.stats takes half a second to import
 
 from ..compile import component_name
@@ -20,9 +19,10 @@ from ..core.errors import NoAnswerError
 from ..data.noise import fit_noise
 from ..data.residuals import huber
 from ..data.scatter import weights as channel_weights
+from . import late
+from .bounded import NULL, bounded
 from .moments import Moments
 
-NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
 MARGIN = 1e-6  # of the nominal value, that a fit keeps from its bounds: there derivatives are two-sided
 
 
@@ -62,6 +62,8 @@ class Fit:
     apart : dict of str to float
         Values that the data rule out although an interval, which takes the model as straight, reaches beyond them: of a
         product, one factor may have any size but none at all. Intervals end there.
+    profiles : dict of str to (float, float)
+        Of delays, ends of the 95 % interval by the likelihood, which has no parabola where a torque jumps; see `late`.
     """
 
     parameters: dict
@@ -78,6 +80,7 @@ class Fit:
     error: dict = field(default_factory=dict)
     conditional: bool = False
     apart: dict = field(default_factory=dict)
+    profiles: dict = field(default_factory=dict)
     own: dict = field(default_factory=dict)
 
     @property
@@ -154,6 +157,10 @@ class Fit:
         if low > v.max:
             low = v.max - half
         low, high = min(low, self.values[k]), max(high, self.values[k])
+        if name in self.profiles:
+            grown = stdtrit(self.dof, 0.5 + level / 2) / stdtrit(self.dof, 0.975)
+            ends = [self.values[k] + grown * (end - self.values[k]) for end in self.profiles[name]]
+            low, high = min(low, ends[0]), max(high, ends[1])
         return self._cut(name, float(max(low, v.min)), float(min(high, v.max)))
 
     def _cut(self, name, low, high):
@@ -225,7 +232,7 @@ class Fit:
         return stdtrit(self.dof, 0.5 + level / 2) * math.sqrt(max(c @ self.covariance @ c, 0.0))
 
 
-def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=None, noise=None):
+def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=None, noise=None, held=()):
     """Fit a model's free parameters to a data set.
 
     Parameters
@@ -246,11 +253,32 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
         Samples to use, evenly spread, for a quick trial; of fewer than twice as many, all are used.
     noise : list of Noise, optional
         Noise of each channel where it is known; estimated from the residual by default.
+    held : list of str
+        Free parameters that stay where they start: they are given a covariance, and not looked for.
 
     Returns
     -------
     Fit
+        Of a model that filters a torque: to the samples at which the filter it finds has settled, where that leaves any
+        out; see `Dataset.settled`.
     """
+    chosen = free, part, robust, most, noise
+
+    def again(data, parameters, still):
+        return _fit(data, model, parameters, *chosen, still)
+    found = again(dataset, start, held)
+    looked = [n for n in late.delays(model) if n in found.free and n not in held]
+    if looked:
+        known = {n: v for n, v in (start or {}).items() if n in looked and v and most is None}
+        found = late.found(dataset, model, found, looked, part, known, lambda *given: again(dataset, *given))
+    settled = dataset if most else dataset.settled(model, found.parameters)  # rivals are tried on the same samples
+    if settled is not dataset:
+        found = replace(again(settled, found.parameters, [*held, *looked]), profiles=found.profiles)
+    return found
+
+
+def _fit(dataset, model, start, free, part, robust, most, noise, held=()):
+    """Fit a model's free parameters to all samples of a part, with some of them held where they start."""
     robust = dataset.study.robust if robust is None else robust
     variables = dataset.parameters.variables(model)
     parameters = {**{n: v.value for n, v in variables.items()}, **dataset.parameters.values(model), **(start or {})}
@@ -266,7 +294,10 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
         problem = problem.thin(skip)
     tidy = dataset.residuals(model, free, parameters, part, dataset.exogenous())
     tidy = tidy.thin(skip) if skip > 1 else tidy
-    x, moments = _refine(problem, tidy, x, free, variables, weights, list(model.segments), robust, most is not None)
+    near = {**variables, **{n: replace(variables[n], min=v - 2 * MARGIN * variables[n].nominal,
+                                       max=v + 2 * MARGIN * variables[n].nominal)
+                            for n, v in zip(free, x) if n in held}}
+    x, moments = _refine(problem, tidy, x, free, near, weights, list(model.segments), robust, most is not None)
     if moments is None:
         slope, residual = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2), problem.residual(x)
         gram = _cross_gram(problem, tidy, x, weights, robust)
@@ -274,6 +305,8 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
         slope, residual = moments.slope_and_residual(x)
         gram = moments.gram(x, weights, True)
     found = result(problem, slope, residual, gram, x, free, variables, weights, noise, robust)
+    for name in held:  # what is left pulls at it, but not to where less is left
+        found.unbounded[free.index(name)] = found.values[free.index(name)]
     for name, runs in own.items():
         if all(n in free for n in runs.values()):
             found.own[name] = list(runs.values())
@@ -402,58 +435,6 @@ def _solve(gram, x, free, variables, evaluations):
         xtol=1e-7, ftol=1e-9, gtol=1e-12, max_nfev=evaluations)
     margin = MARGIN * scale
     return np.clip(solution.x, lower + margin, upper - margin)
-
-
-def _pressed(a, b, low, high):
-    """Solution with what leaves the bounds pressed against them, where that is the best; else None."""
-    held, x = np.zeros(len(b), dtype=int), np.zeros(len(b))
-    for _ in range(len(b) + 1):
-        free = held == 0
-        x = np.where(held < 0, low, np.where(held > 0, high, 0.0))
-        if free.any():
-            try:
-                factor = cho_factor(a[np.ix_(free, free)])
-            except LinAlgError:
-                return None
-            if np.diag(factor[0]).min() < math.sqrt(NULL):
-                return None
-            x[free] = cho_solve(factor, b[free] - a[np.ix_(free, ~free)] @ x[~free])
-        out = np.where(x < low, -1, np.where(x > high, 1, 0)) * free
-        if not out.any():
-            slope = b - a @ x  # uphill must point out of the bounds
-            return x if np.all(slope * held >= -1e-9 * np.abs(b).max(initial=0.0)) else None
-        held = held + out
-    return None
-
-
-def bounded(a, b, low, high):
-    """Maximise ``2 b'x - x'a x`` within bounds.
-
-    Parameters
-    ----------
-    a : ndarray, shape (p, p)
-        Positive semidefinite.
-    b, low, high : ndarray, shape (p,)
-        Slope at zero, and the bounds of x; infinite where there is none.
-
-    Returns
-    -------
-    value : float
-    x : ndarray, shape (p,)
-    """
-    scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
-    s, low, high = a / np.outer(scale, scale), low * scale, np.maximum(high, low + 1e-12) * scale
-    x = _pressed(s, b / scale, low, high)
-    if x is None:
-        values, vectors = np.linalg.eigh(s)
-        keep = values > NULL
-        root = np.sqrt(np.where(keep, values, 0))[:, None] * vectors.T
-        right = np.where(keep, vectors.T @ (b / scale) / np.sqrt(np.where(keep, values, 1)), 0)
-        x = vectors[:, keep] @ (right[keep] / np.sqrt(values[keep]))
-        if np.any(x < low) or np.any(x > high):
-            x = lsq_linear(root, right, (low, high), method="bvls").x
-    x = x / scale
-    return float(2 * b @ x - x @ a @ x), x
 
 
 def result(problem, slope, residual, gram, x, free, variables, weights, noise, robust=False):

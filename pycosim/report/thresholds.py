@@ -16,6 +16,8 @@ _EVIDENCE = {
                       "fall of the squared error, over the noise's variance, that a parameter must bring outside its "
                       "bounds to count as held back by them"),
     "separate": ("diagnosis.decide.SEPARATE", "standard errors by which unseen folds must tell two candidates apart"),
+    "plain": ("diagnosis.decide.PLAIN",
+              "share of the plain squared error by which it must be lower to decide between two candidates"),
     "alike": ("diagnosis.decide.ALIKE", "share of what the best candidate takes that an alternative may leave"),
     "left": ("diagnosis.remainder.LEFT",
              "share of what a candidate takes that one variable may still explain of the rest"),
@@ -39,7 +41,7 @@ _TABLES = {
     "check": {"stops": ("data.checks.finding.SURE",
                         "certainty from which a mistake of wiring or units stops a search")},
     "parameters": {
-        "undetermined": ("fit.least_squares.NULL",
+        "undetermined": ("fit.bounded.NULL",
                          "eigenvalue of the scaled normal matrix below which a combination is not determined"),
         "hardly": ("fit.nullspace.HARDLY", "correlation from which two parameters are told as hard to tell apart"),
         "at_bound": ("fit.least_squares.MARGIN",

@@ -39,7 +39,7 @@ def test_a_noisy_record_is_moved_along_its_slope_and_keeps_its_noise(d):
     signals = {"motor.tau": np.sin(2 * (TIME - 0.023)) + noise}
     moved = undo(late.question("estimate"), signals, TIME, ONE,
                  {**{n: v.value for n, v in late.parameters.items()}, "time_delay_torque.d": d},
-                 {"motor.tau": 2 * np.cos(2 * (TIME - 0.023))})
+                 {"motor.tau": (2 * np.cos(2 * (TIME - 0.023)), ONE)})
     left = (moved["motor.tau"] - np.sin(2 * (TIME + d - 0.023)))[5:-5]
     shift = round(d / 0.01)
     np.testing.assert_allclose(left, noise[5 + shift:len(TIME) - 5 + shift], atol=1e-4)

@@ -14,6 +14,7 @@ _SECONDS, _SAMPLES = 0.3, 30
 """A stretch of equal readings that is looked at lasts that long at least."""
 _LONGER = 8.0
 """Times the usual length of equal readings, while moving: coarse steps make stretches of equal readings too."""
+_AS_WELL = 1.2  # of the usual scatter about the relation, that a column which stays may have
 _REST = 0.1  # of the log that must be left for a mend
 _TIMES = 4.0
 """Factor by which the column disagrees with the others more within the stretch than elsewhere."""
@@ -116,7 +117,7 @@ def _contradicted(name, a, b, begin, moves, length, spans, group, holds, reading
         usual = [n for (i, j), n in zip(spans, length) if (i, j) != (a, b) and np.mean(moves[i:j + 1]) > 0.5]
         weights = np.sort(usual)[::-1]
         typical = weights[np.searchsorted(np.cumsum(weights), 0.05 * weights.sum())] if len(weights) else 1
-        if b - a + 1 > _LONGER * typical:
+        if b - a + 1 > _LONGER * typical and not (name in group["encoders"] and _followed(name, inside, holds)):
             return True
     for relation, hold in holds:
         if name in relation.variables and hold.residual is not None:
@@ -131,6 +132,20 @@ def _contradicted(name, a, b, begin, moves, length, spans, group, holds, reading
                     if e > _TIMES * max(usual, 1e-12) and e > 0.2 * hold.spread[channel]:
                         return True
     return False
+
+
+def _followed(name, inside, holds):
+    """Whether an encoder that stays is where the motors say that it is, as well as it is elsewhere: in slow motion."""
+    told = []
+    for relation, hold in holds:
+        if name in relation.variables and hold.residual is not None:
+            within, outside = hold.used.copy(), hold.used.copy()
+            within[:], outside[inside] = False, False
+            within[inside] = hold.used[inside]
+            if within.sum() >= _SAMPLES and outside.sum() >= _SAMPLES:
+                told += [np.std(r[within]) <= _AS_WELL * 1.4826 * np.median(np.abs(r[outside] - np.median(r[outside])))
+                         for r in hold.residual]
+    return bool(told) and all(told)
 
 
 def _finding(readings, columns, name, k, bad, time, values):

@@ -22,7 +22,11 @@ _BETTER = 0.9
 _FALLEN, _DRIFTED = 1.5, 1.12
 """Factors by which a drift must lower the error of some channel, and all together further than any shift does: only
 then two clocks are the reason."""
-_STAYING = 9  # lags that stay, up to that at the end, which one that grows must beat after a fit to each
+_ALONE = 3.0
+"""Factor by which a drift of one column of several of its kind must lower an error: they come from one device mostly,
+and friction at one of two motors may look like it."""
+_STAYING = 9
+"""Lags that stay, up to that at the end, which one that grows must beat after a fit to each."""
 _SURE = 8.0
 """Least gain of the logarithm of the likelihood."""
 _APART = 0.05  # s that a drifting clock is off at the end at least
@@ -226,8 +230,9 @@ class Timing:
 
         def clear(other):
             return gain - other > math.log(_DRIFTED) and (gain - other) * independent > _SURE
-        if not (falls > _FALLEN and likelihood > _SURE and most > _APART and clear(shifted[0] if shifted else 0.0)
-                and self._ageing(holds) > math.log(_DRIFTED)):
+        alone = len(names) == 1 and any(names[0] in members and len(members) > 1 for members in self.group.values())
+        if not (falls > (_ALONE if alone else _FALLEN) and likelihood > _SURE and most > _APART
+                and clear(shifted[0] if shifted else 0.0) and self._ageing(holds) > math.log(_DRIFTED)):
             return False
         base = self.fitted(names, 0.0, 0.0)[0]
         return all(clear(base - self.fitted(names, math.copysign(s, drift), 0.0)[0])

@@ -1,0 +1,63 @@
+"""A quadratic form and bounds in; where it is greatest within them, and how great, out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.optimize import lsq_linear
+
+NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
+
+
+def _pressed(a, b, low, high):
+    """Solution with what leaves the bounds pressed against them, where that is the best; else None."""
+    held, x = np.zeros(len(b), dtype=int), np.zeros(len(b))
+    for _ in range(len(b) + 1):
+        free = held == 0
+        x = np.where(held < 0, low, np.where(held > 0, high, 0.0))
+        if free.any():
+            try:
+                factor = cho_factor(a[np.ix_(free, free)])
+            except LinAlgError:
+                return None
+            if np.diag(factor[0]).min() < math.sqrt(NULL):
+                return None
+            x[free] = cho_solve(factor, b[free] - a[np.ix_(free, ~free)] @ x[~free])
+        out = np.where(x < low, -1, np.where(x > high, 1, 0)) * free
+        if not out.any():
+            slope = b - a @ x  # uphill must point out of the bounds
+            return x if np.all(slope * held >= -1e-9 * np.abs(b).max(initial=0.0)) else None
+        held = held + out
+    return None
+
+
+def bounded(a, b, low, high):
+    """Maximise ``2 b'x - x'a x`` within bounds.
+
+    Parameters
+    ----------
+    a : ndarray, shape (p, p)
+        Positive semidefinite.
+    b, low, high : ndarray, shape (p,)
+        Slope at zero, and the bounds of x; infinite where there is none.
+
+    Returns
+    -------
+    value : float
+    x : ndarray, shape (p,)
+    """
+    scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
+    s, low, high = a / np.outer(scale, scale), low * scale, np.maximum(high, low + 1e-12) * scale
+    x = _pressed(s, b / scale, low, high)
+    if x is None:
+        values, vectors = np.linalg.eigh(s)
+        keep = values > NULL
+        root = np.sqrt(np.where(keep, values, 0))[:, None] * vectors.T
+        right = np.where(keep, vectors.T @ (b / scale) / np.sqrt(np.where(keep, values, 1)), 0)
+        x = vectors[:, keep] @ (right[keep] / np.sqrt(values[keep]))
+        if np.any(x < low) or np.any(x > high):
+            x = lsq_linear(root, right, (low, high), method="bvls").x
+    x = x / scale
+    return float(2 * b @ x - x @ a @ x), x

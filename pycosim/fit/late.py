@@ -1,0 +1,180 @@
+"""A fit with free delays in; the delays that leave least, sample by sample, and the interval of each, out.
+
+A torque jumps where a segment turns, and a record that is moved by one sample more has another jump in its place. The
+error over a delay is a parabola where the torque changes slowly, and has steps and flat stretches where it jumps: a fit
+stops on them, and its second derivative tells nothing of how far they reach. So the delays are tried one by one, each
+with the other parameters where they then leave least.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compile import component_name
+from .bounded import bounded
+
+REACH = 40  # samples either way that a delay is looked for within, where nothing is known of it
+NEAR = 6  # samples either way of where it is known to be
+MOST = 15000  # samples that delays are tried on
+PRESSED = 3.84  # fall of twice the log-likelihood at the ends of a 95 % interval
+ROUNDS = 5
+SMOOTH = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
+"""Over half samples: each delay meets the noise of a jump with that of other samples, and what it leaves is rugged."""
+
+
+def delays(model):
+    """Names of the delays among a model's parameters.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    list of str
+    """
+    return [f"{component_name(effect, place)}.{c}" for effect, place in model.attached
+            for c, kind in effect.scan.items() if kind == "delay"]
+
+
+def found(dataset, model, fit, names, part, known, again):
+    """The fit at the delays that leave least.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+        Where derivatives have brought it.
+    names : list of str
+        Of its free delays.
+    part : str or ndarray of int
+        That was fitted.
+    known : dict of str to float
+        What is known of the delays [s]; where nothing is, they are looked for far and wide.
+    again : callable
+        Parameters and names held to the fit from there.
+
+    Returns
+    -------
+    Fit
+        With the profiles of the delays.
+    """
+    half = float(np.median(np.diff(dataset.time))) / 2
+    for name in names:
+        profile = Profile(dataset, model, fit, name, part)
+        if name not in known:
+            far = min((d for d in 2 * half * np.arange(-REACH, REACH + 1) if profile.low < d < profile.high),
+                      key=profile.left, default=profile.at)
+            nearest = profile.at if profile.left(profile.at) <= profile.left(far) else far
+        else:
+            nearest = min((profile.at, known[name]), key=profile.left)
+        for _ in range(ROUNDS):
+            if abs(nearest - profile.at) > 2 * half:
+                fit = again({**fit.parameters, name: nearest}, names)
+                profile = Profile(dataset, model, fit, name, part)
+            nearest = profile.least(half)
+            if abs(nearest - profile.at) <= 2 * half:
+                break
+        fit.profiles[name] = profile.interval(half)
+    return fit
+
+
+class Profile:
+    """What the best fit with each delay leaves, in units of the noise.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    model : Model
+    fit : Fit
+    name : str
+        Of the delay.
+    part : str or ndarray of int
+    """
+
+    def __init__(self, dataset, model, fit, name, part):
+        problem = dataset.residuals(model, fit.free, fit.parameters, part)
+        self.problem = problem.thin(max(1, problem.n // MOST))
+        self.fit, self.k, self._known = fit, fit.free.index(name), {}
+        self.low, self.high = (getattr(fit.variables[name], end) for end in ("min", "max"))
+        others = np.arange(len(fit.free)) != self.k
+        slope = np.concatenate([j for _, _, j in self.problem.blocks(fit.values)], axis=2)[:, others]
+        self.rows = np.concatenate([n.whiten(j, self.problem.chain) for n, j in zip(fit.noise, slope)], axis=1)
+        self.gram = self.rows @ self.rows.T
+        self.room = [np.array([getattr(fit.variables[n], end) for n in fit.free])[others] - fit.values[others]
+                     for end in ("min", "max")]
+
+    @property
+    def at(self):
+        """The delay of the fit [s]."""
+        return float(self.fit.values[self.k])
+
+    def left(self, delay):
+        """Squares that are left with a delay, the other parameters moved within their bounds to where that is least.
+
+        Parameters
+        ----------
+        delay : float
+            [s]
+
+        Returns
+        -------
+        float
+            Infinite where the model has no answer.
+        """
+        if delay not in self._known:
+            x = self.fit.values.copy()
+            x[self.k] = delay
+            residual = self.problem.residual(x)
+            if not np.isfinite(residual).all():
+                self._known[delay] = np.inf
+            else:
+                r = np.concatenate([n.whiten(r[None], self.problem.chain)[0]
+                                    for n, r in zip(self.fit.noise, residual)])
+                fall = bounded(self.gram, -self.rows @ r, *self.room)[0] if len(self.rows) else 0.0
+                self._known[delay] = float(r @ r - fall)
+        return self._known[delay]
+
+    def _smoothed(self, half):
+        """Delays round that of the fit, what they leave, that without its ruggedness, and the ruggedness."""
+        some = self.at + half * np.arange(-2 * NEAR - 2, 2 * NEAR + 3)
+        some = some[(some > self.low) & (some < self.high)]
+        left = np.array([self.left(d) for d in some])
+        if len(some) < 4 * NEAR or not np.isfinite(left).all():
+            return some, left, 0.0
+        smooth = np.convolve(left, SMOOTH, "valid")
+        rugged = float(np.median(np.abs(np.diff(left, 4))) / 0.6745 / np.sqrt(70.0))  # of white noise: 1, 4, 6, 4, 1
+        return some[2:-2], smooth, rugged
+
+    def least(self, half):
+        """The delay near that of the fit that leaves least.
+
+        Parameters
+        ----------
+        half : float
+            A sample's half [s].
+
+        Returns
+        -------
+        float
+            [s]
+        """
+        some, left, _ = self._smoothed(half)
+        return float(some[np.argmin(left)]) if len(some) else self.at
+
+    def interval(self, half):
+        """Ends of the stretch round the fit's delay in which the likelihood falls by no more than noise makes it.
+
+        Parameters
+        ----------
+        half : float
+            A sample's half [s].
+
+        Returns
+        -------
+        (float, float)
+        """
+        some, left, rugged = self._smoothed(half)
+        inside = some[left <= np.min(left, initial=np.inf) + PRESSED + 2 * rugged]
+        return min(self.at, *inside[:1]), max(self.at, *inside[-1:])
