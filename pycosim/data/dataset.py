@@ -71,7 +71,7 @@ class Dataset:
         self.base = compile_model(library, study.rig, study.effects)
         self._choose_question()
         self._gather()
-        self.parameters = Parameters(self)
+        self.parameters, self.moving = Parameters(self), None
         self._derive()
         self._segment()
         self._size()
@@ -244,6 +244,10 @@ class Dataset:
             return signals
         still = self.memo("dataset.still", lambda: np.zeros(len(self.time)))  # no push
         unmeasured = {n: still for n in question.late if n not in signals}
+        if self.moving is None:  # no passes yet: torques are taken as recorded, of which no speed is made
+            return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
+                        {n: (still, still) for n in question.late if not _is_motion(n)},
+                        lambda name, lag: (still, still), self._record)
         return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
                     {n: torques.slope(self, n) for n in question.late if not _is_motion(n)},
                     partial(torques.held_back, self), self._record,
@@ -459,8 +463,9 @@ class Dataset:
         Parameters
         ----------
         model : Model
+            Of the same rig.
         parameters : dict of str to float
-            Time constants [s] among them.
+            All of the model's, SI units; time constants [s] among them.
 
         Returns
         -------

@@ -6,6 +6,7 @@ A torque recorded late, or through a filter, is moved by its prediction: the slo
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 
@@ -18,6 +19,7 @@ SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a
 _FEW = 20  # samples of a pass or a direction, of which nothing is predicted
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 SETTLED = 2.0  # time constants after which little is left of what is not known of the onset of a jump
+LEAST, NODE = 1e-4, 1.1  # s, least time constant of a filter that is a node, and the ratio of two nodes
 LAGS = np.geomspace(0.002, 0.3, 16)  # s, of filters that are tried on a start
 TRAVELS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # over the model's own, that friction may build up over at a start
 SHARE = 0.2  # of a pass that may be left to what happens at its ends
@@ -84,13 +86,7 @@ def held_back(dataset, name, lag):
     """
     start = dataset.memo(("torques.start", name),
                          lambda: _Start(dataset, dataset.signals.get(name, 0.0 * dataset.time)))
-
-    def filtered(torque):
-        return (part[0] for part in first_order(torque[None], lag, dataset.time, dataset.run))
-    late = start.torque - next(filtered(start.torque))
-    smooth = start.settled(start.values + late)  # what the motion predicts of the record itself is late as well
-    behind, by_lag = filtered(smooth)
-    return smooth - behind, -by_lag
+    return start.held(lag)
 
 
 def lag(question, parameters):
@@ -99,7 +95,9 @@ def lag(question, parameters):
     Parameters
     ----------
     question : Question
+        That the model is asked.
     parameters : dict of str to float
+        All of the model's, SI units.
 
     Returns
     -------
@@ -115,6 +113,7 @@ def unsettled(dataset, lag):
     Parameters
     ----------
     dataset : Dataset
+        Arranged: its passes are known.
     lag : float
         Time constant [s].
 
@@ -138,7 +137,7 @@ class _Start:
     """
 
     def __init__(self, dataset, values):
-        self.dataset, self.values = dataset, values
+        self.dataset, self.values, self.nodes = dataset, values, {}
         starts = np.append(True, (np.diff(dataset.passes) != 0) | (np.diff(dataset.run) != 0))
         since = dataset.time - dataset.time[np.maximum.accumulate(np.where(starts, np.arange(len(values)), 0))]
         self.trusted = dataset.moving & (since > JUMP)
@@ -160,6 +159,22 @@ class _Start:
             if share is not None:
                 found[part] = found[part[0] - 1] + share * (found[part] - found[part[0] - 1])
         return found
+
+    def held(self, lag):
+        """What a filter holds back, and its slope by the time constant, straight between nodes of that."""
+        k = math.floor(math.log(max(lag, LEAST) / LEAST) / math.log(NODE))
+        low, high = LEAST * NODE ** k if lag > LEAST else 0.0, LEAST * NODE ** (k + 1)
+        one, two = self._node(low), self._node(high)
+        slope = (two - one) / (high - low)
+        return one + max(lag - low, 0.0) * slope, slope
+
+    def _node(self, lag):
+        """What a filter holds back of what the motion predicts; of the record itself that is late as well."""
+        def held(torque):
+            return torque - first_order(torque[None], lag, self.dataset.time, self.dataset.run)[0][0]
+        if lag not in self.nodes:
+            self.nodes[lag] = held(self.settled(self.values + held(self.torque))) if lag else np.zeros(len(self.values))
+        return self.nodes[lag]
 
     def _shares(self, times):
         """How much of the jump at each start has come, after a travel that is so many times the model's own."""

@@ -28,10 +28,12 @@ def delays(model):
     Parameters
     ----------
     model : Model
+        With effects that delay a record, or none.
 
     Returns
     -------
     list of str
+        As among the free parameters of a fit.
     """
     return [f"{component_name(effect, place)}.{c}" for effect, place in model.attached
             for c, kind in effect.scan.items() if kind == "delay"]
@@ -43,7 +45,9 @@ def found(dataset, model, fit, names, part, known, again):
     Parameters
     ----------
     dataset : Dataset
+        That was fitted.
     model : Model
+        That was fitted to it.
     fit : Fit
         Where derivatives have brought it.
     names : list of str
@@ -86,11 +90,15 @@ class Profile:
     Parameters
     ----------
     dataset : Dataset
+        That was fitted.
     model : Model
+        That was fitted to it.
     fit : Fit
+        Whose other parameters the best fits are near to.
     name : str
         Of the delay.
     part : str or ndarray of int
+        That was fitted.
     """
 
     def __init__(self, dataset, model, fit, name, part):

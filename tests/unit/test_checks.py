@@ -152,10 +152,16 @@ def test_physics_is_no_mistake(effect, library, tmp_path):
     assert not found.blocking, [f.text for f in found.blocking]
 
 
-@pytest.mark.parametrize("case", ["rate50:thermal_drift:2.4:180", "noise_load:time_delay:1.7:380"])
+@pytest.mark.parametrize("case", ["rate50:thermal_drift:2.4:180", "noise_load:time_delay:1.7:380",
+                                  "noise_speed:time_delay:1.3:1920", "outliers_01:presliding:1.7:1921"])
 @pytest.mark.long
 def test_what_warms_up_or_stays_late_is_no_drifting_clock(case, library, tmp_path):
     asked = load_study(make(case, tmp_path, quick=True))
+    assert not checked(library, asked).blocking
+
+
+def test_an_encoder_in_slow_motion_is_not_stuck(library, tmp_path):
+    asked = load_study(make("ordinary_digital:torque_offset:1.7:1921", tmp_path, quick=True))
     assert not checked(library, asked).blocking
 
 

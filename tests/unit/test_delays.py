@@ -10,6 +10,7 @@ from pycosim.data.torques import held_back
 from pycosim.dynamics.delays import Record, undo
 from pycosim.dynamics.filters import first_order
 from pycosim.dynamics.simulate import estimate
+from pycosim.fit import least_squares
 from pycosim.study.parse import load_study
 
 TIME = np.arange(0, 4, 0.01)
@@ -80,6 +81,14 @@ def test_a_torque_that_a_filter_held_back_is_given_back_without_its_noise_growin
     off = given - (true + noise)[data.moving]
     bare = (log["tau"] - true - noise)[data.moving]
     assert np.sqrt(np.mean(off ** 2)) < 0.25 * np.sqrt(np.mean(bare ** 2))
+
+
+@pytest.mark.parametrize("effect", ["time_delay", "low_pass"])
+def test_a_study_whose_own_effects_delay_a_torque_is_read(lagging_study, effect):
+    lagging_study.write_text(f'{lagging_study.read_text()}\n[[effects]]\neffect = "{effect}"\nplace = "torque"\n')
+    data = Dataset(load_study(lagging_study), Library())
+    assert (effect, "torque") in data.base.keys and data.moving.any()
+    assert np.isfinite(list(least_squares.fit(data, data.base).error.values())).all()
 
 
 def test_a_filter_is_undone_in_every_run_alike(lagging_study):

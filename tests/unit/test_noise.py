@@ -119,3 +119,19 @@ def test_the_likelihood_s_other_valley_at_the_longest_memory_is_not_taken_for_th
     data = dataset(baseline(), seed, "gravity_model")
     found = least_squares.fit(data, data.base, part="all").noise
     assert all(own.slow < 0.1 and own.memory < 3.0 for own in found), found
+
+
+def test_noise_behind_a_filter_has_two_memories_and_effects_meet_the_longer_one():
+    """White noise behind a filter of 30 ms, slow noise of 0.6 s and white noise of its own."""
+    step, n, found = 0.005, 8000, []
+    chain = chained(step * np.arange(n), np.zeros(n, int), True)
+    for seed in range(8):
+        rng, values = np.random.default_rng(seed), 0.03 * np.random.default_rng(seed + 100).standard_normal(n)
+        for size, memory in ((0.03, 0.03), (0.05, 0.6)):
+            keep = np.exp(-step / memory)
+            values += size * lfilter([np.sqrt(1 - keep ** 2)], [1, -keep], rng.standard_normal(n))
+        found.append(fit_noise(values, chain))
+    mean = 0.03 ** 2 * step + 2 * 0.03 ** 2 * 0.03 + 2 * 0.05 ** 2 * 0.6  # variance of a long mean, times its time
+    told = [f.white ** 2 * step + 2 * f.slow ** 2 * f.memory for f in found]
+    assert np.median(told) == pytest.approx(mean, rel=0.35)
+    assert 0.25 < np.median([f.memory for f in found]) < 1.2
