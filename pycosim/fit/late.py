@@ -13,7 +13,7 @@ import numpy as np
 from ..compile import component_name
 from .bounded import bounded
 
-REACH = 40  # samples either way that a delay is looked for within, where nothing is known of it
+REACH, LATEST = 40, 0.2  # samples, and s, either way that a delay is looked for within, where nothing is known of it
 NEAR = 6  # samples either way of where it is known to be
 MOST = 15000  # samples that delays are tried on
 PRESSED = 3.84  # fall of twice the log-likelihood at the ends of a 95 % interval
@@ -68,7 +68,8 @@ def found(dataset, model, fit, names, part, known, again):
     for name in names:
         profile = Profile(dataset, model, fit, name, part)
         if name not in known:
-            far = min((d for d in 2 * half * np.arange(-REACH, REACH + 1) if profile.low < d < profile.high),
+            reach = min(REACH, int(LATEST / (2 * half)))
+            far = min((d for d in 2 * half * np.arange(-reach, reach + 1) if profile.low < d < profile.high),
                       key=profile.left, default=profile.at)
             nearest = profile.at if profile.left(profile.at) <= profile.left(far) else far
         else:
