@@ -129,7 +129,7 @@ def test_what_a_filter_makes_of_a_start_is_no_hysteresis(case, tmp_path):
     assert [found[0][0] for found in rest] == ([] if ":none:" in case else ["thermal_drift"]), summary(result)
     low, high = result.fit.interval("low_pass_torque.T")
     constant, step = 1 / (2 * np.pi * 5), 0.005
-    held = step / np.expm1(step / constant)  # by how much the recursion of the log's maker, sample by sample, comes late
+    held = step / np.expm1(step / constant)  # by how much the recursion that made the log comes late
     assert low < constant and high > held
 
 
