@@ -14,7 +14,6 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import isotonic_regression
-from scipy.signal import welch
 from scipy.sparse import block_diag, csr_array, diags_array
 
 from ..core.errors import DataError
@@ -178,6 +177,8 @@ def _bandwidth(u, values, order):
     change = np.concatenate([_changes(u[a:b], values[a:b], order) for a, b in zip(edges[:-1], edges[1:])])
     if len(change) < _SHORT:
         return math.pi
+    from scipy.signal import welch  # only now: it takes as long to import as an export takes
+
     frequency, density = welch(change, 2 * math.pi, nperseg=min(len(change), _SEGMENT), detrend=False)
     frequency, density = frequency[1:], np.maximum(density[1:], 1e-300)
     # a difference shrinks what is slow; undone, the values' own density says where the motion is

@@ -267,6 +267,8 @@ def calm(dataset, name, delay, moved):
     ndarray, shape (n,)
         In the torque's unit; NaN near the ends of a pass, where a late torque may jump.
     """
+    if name not in dataset.signals:  # no push from outside
+        return moved
     inside = dataset.memo("torques.inside", lambda: _inside(dataset))
     found = np.where(inside, predicted(dataset, moved, dataset.moving & inside), np.nan)
     return dataset.signals[name] + found - between(dataset.time, found, dataset.run, -delay)
