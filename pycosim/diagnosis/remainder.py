@@ -20,7 +20,7 @@ HELD_OUT = "the held-out part"
 
 
 def rises(before, after):
-    """By how much an effect raises the squared errors of the held-out part, over those of the fit part without it.
+    """By how much an effect changes the squared errors of the held-out part, over those of the fit part without it.
 
     Parameters
     ----------
@@ -30,14 +30,16 @@ def rises(before, after):
     Returns
     -------
     dict of str to float
-        By channel; zero where it lowers them, empty without a held-out part.
+        By channel; negative where it lowers them, empty without a held-out part.
     """
-    return {c: max(0.0, (after["test"][c] ** 2 - before["test"][c] ** 2) / max(before["fit"][c] ** 2, 1e-300))
+    return {c: (after["test"][c] ** 2 - before["test"][c] ** 2) / max(before["fit"][c] ** 2, 1e-300)
             for c in after["test"]}
 
 
 def beyond(risen, without):
     """What an effect adds to the squared errors of the held-out part, in the units of those of unseen folds.
+
+    An effect that lowers them nowhere by more than it raises them elsewhere has not been seen there.
 
     Parameters
     ----------
@@ -49,8 +51,12 @@ def beyond(risen, without):
     Returns
     -------
     float
+        Infinite where all channels together are not lowered.
     """
-    return float(np.dot(list(risen.values()), without.channels.sum(1))) if risen else 0.0
+    if not risen:
+        return 0.0
+    added = np.array(list(risen.values())) * without.channels.sum(1)
+    return float(np.maximum(added, 0.0).sum()) if added.sum() < 0 else float("inf")
 
 
 def remaining(told, before, after, follows, risen=None):

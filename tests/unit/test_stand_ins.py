@@ -100,6 +100,7 @@ def test_an_effect_must_take_more_than_it_leaves(sure, strength, left, expected)
 @pytest.mark.parametrize("held_out, expected", [
     ({"a": 0.9, "b": 1.0}, None),
     ({"a": 0.5, "b": 1.7}, HELD_OUT),
+    ({"a": 1.001, "b": 1.0}, HELD_OUT),  # takes nothing there
     ({}, None),
 ])
 def test_an_effect_must_not_raise_the_error_of_the_held_out_part(held_out, expected):
