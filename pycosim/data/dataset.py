@@ -246,10 +246,10 @@ class Dataset:
         unmeasured = {n: still for n in question.late if n not in signals}
         if self.moving is None:  # no passes yet: torques are taken as recorded, of which no speed is made
             return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
-                        {n: (still, still) for n in question.late if not _is_motion(n)},
+                        {n: (still, still) for n in question.late if not torques.is_motion(n)},
                         lambda name, lag: (still, still), self._record)
         return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
-                    {n: torques.slope(self, n) for n in question.late if not _is_motion(n)},
+                    {n: torques.slope(self, n) for n in question.late if not torques.is_motion(n)},
                     partial(torques.held_back, self), self._record,
                     partial(torques.calm, self) if signals is self.signals else None)
 
@@ -599,7 +599,3 @@ class Dataset:
         ndarray, shape (n,)
         """
         return self.measured.get(channel, np.zeros(len(self.time)))
-
-def _is_motion(name):
-    """Whether a known signal is an angle, a speed or an acceleration."""
-    return name.startswith("der(") or name.endswith((".phi", ".w"))

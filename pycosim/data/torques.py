@@ -20,6 +20,7 @@ _FEW = 20  # samples of a pass or a direction, of which nothing is predicted
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 SETTLED = 2.0  # time constants after which little is left of what is not known of the onset of a jump
 LEAST, NODE = 1e-4, 1.1  # s, least time constant of a filter that is a node, and the ratio of two nodes
+KEPT = 6  # nodes
 LAGS = np.geomspace(0.002, 0.3, 16)  # s, of filters that are tried on a start
 TRAVELS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # over the model's own, that friction may build up over at a start
 SHARE = 0.2  # of a pass that may be left to what happens at its ends
@@ -43,19 +44,12 @@ def predicted(dataset, values, trusted=None):
         In the unit of the values; the values themselves where nothing moves.
     """
     trusted = dataset.moving if trusted is None else trusted
-    span = np.maximum(np.ptp(dataset.config, axis=1, keepdims=True), 1e-9)
-    x = 2 * (dataset.config - dataset.config.min(1, keepdims=True)) / span - 1
-    rates = [v for n, v in dataset.signals.items() if n.startswith("der(") and np.ptp(v) > 0]
-    powers = {degree: np.array([np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(
-        range(degree + 1), repeat=len(x)) if sum(e) <= degree]) for degree in (1, 2, 3)}
-    rates = np.array([r / np.std(r) for r in rates]).reshape(len(rates), -1)
     code = (np.sign(dataset.speeds) > 0).T @ (1 << np.arange(len(dataset.speeds))) + (
         dataset.run << len(dataset.speeds) if dataset.paired else 0)
     found = values.copy()
     for where in (dataset.moving & (code == c) for c in np.unique(code[dataset.moving])):
         told = where & trusted if np.count_nonzero(where & trusted) > _FEW else where
-        degree = 3 if told.sum() > 1000 else 2 if told.sum() > 200 else 1
-        rows = np.vstack([powers[degree], rates if degree == 3 else rates[:0]])
+        rows = _regressors(dataset, 3 if told.sum() > 1000 else 2 if told.sum() > 200 else 1)
         a = rows[:, told]
         found[where] = np.linalg.lstsq(a @ a.T, a @ values[told], rcond=1e-10)[0] @ rows[:, where]
     for s in () if dataset.paired else contiguous(dataset.time, dataset.passes):
@@ -65,6 +59,18 @@ def predicted(dataset, values, trusted=None):
             level, share = np.linalg.lstsq(a.T, values[told], rcond=1e-6)[0]
             found[s] = level + share * found[s]
     return found
+
+
+def _regressors(dataset, degree):
+    """Powers of the configuration up to a degree, and with the third one speeds and accelerations, one a row."""
+    def make():
+        span = np.maximum(np.ptp(dataset.config, axis=1, keepdims=True), 1e-9)
+        x = 2 * (dataset.config - dataset.config.min(1, keepdims=True)) / span - 1
+        rates = [v / np.std(v) for n, v in dataset.signals.items()
+                 if degree == 3 and n.startswith("der(") and np.ptp(v) > 0]
+        return np.array([*(np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(
+            range(degree + 1), repeat=len(x)) if sum(e) <= degree), *rates])
+    return dataset.memo(("torques.regressors", degree), make)
 
 
 def held_back(dataset, name, lag):
@@ -104,7 +110,23 @@ def lag(question, parameters):
     float
         [s]; none where no filter is among the question's effects.
     """
-    return float(np.max(settings(question, [f"lag({n})" for n in question.late], parameters), initial=0.0))
+    torques = [n for n in question.late if not is_motion(n)]
+    return float(np.max(settings(question, [f"lag({n})" for n in torques], parameters), initial=0.0))
+
+
+def is_motion(name):
+    """Whether a known signal is an angle, a speed or an acceleration.
+
+    Parameters
+    ----------
+    name : str
+        Of a variable of the model.
+
+    Returns
+    -------
+    bool
+    """
+    return name.startswith("der(") or name.endswith((".phi", ".w"))
 
 
 def unsettled(dataset, lag):
@@ -173,6 +195,8 @@ class _Start:
         def held(torque):
             return torque - first_order(torque[None], lag, self.dataset.time, self.dataset.run)[0][0]
         if lag not in self.nodes:
+            while len(self.nodes) >= KEPT:  # of a long log each is as large as a signal
+                del self.nodes[next(iter(self.nodes))]
             self.nodes[lag] = held(self.settled(self.values + held(self.torque))) if lag else np.zeros(len(self.values))
         return self.nodes[lag]
 

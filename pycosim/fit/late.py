@@ -64,24 +64,22 @@ def found(dataset, model, fit, names, part, known, again):
     Fit
         With the profiles of the delays.
     """
-    half = float(np.median(np.diff(dataset.time))) / 2
+    step = float(np.median(np.diff(dataset.time)))
+    if not step > 0:  # means of whole files
+        return fit
     for name in names:
-        profile = Profile(dataset, model, fit, name, part)
-        if name not in known:
-            reach = min(REACH, int(LATEST / (2 * half)))
-            far = min((d for d in 2 * half * np.arange(-reach, reach + 1) if profile.low < d < profile.high),
-                      key=profile.left, default=profile.at)
-            nearest = profile.at if profile.left(profile.at) <= profile.left(far) else far
-        else:
-            nearest = min((profile.at, known[name]), key=profile.left)
+        profile = Profile(dataset, model, fit, name, part, step)
+        reach = min(REACH, int(LATEST / step))
+        tried = [known[name]] if name in known else step * np.arange(-reach, reach + 1)
+        nearest = min((profile.at, *(d for d in tried if profile.low < d < profile.high)), key=profile.left)
         for _ in range(ROUNDS):
-            if abs(nearest - profile.at) > 2 * half:
-                fit = again({**fit.parameters, name: nearest}, names)
-                profile = Profile(dataset, model, fit, name, part)
-            nearest = profile.least(half)
-            if abs(nearest - profile.at) <= 2 * half:
+            if abs(nearest - profile.at) > step:
+                fit = again({**fit.parameters, name: float(nearest)}, names)
+                profile = Profile(dataset, model, fit, name, part, step)
+            nearest = profile.least()
+            if abs(nearest - profile.at) <= step:
                 break
-        fit.profiles[name] = profile.interval(half)
+        fit.profiles[name] = profile.interval()
     return fit
 
 
@@ -100,12 +98,14 @@ class Profile:
         Of the delay.
     part : str or ndarray of int
         That was fitted.
+    step : float
+        Between two samples [s].
     """
 
-    def __init__(self, dataset, model, fit, name, part):
+    def __init__(self, dataset, model, fit, name, part, step):
         problem = dataset.residuals(model, fit.free, fit.parameters, part)
         self.problem = problem.thin(max(1, problem.n // MOST))
-        self.fit, self.k, self._known = fit, fit.free.index(name), {}
+        self.fit, self.k, self.step, self._known = fit, fit.free.index(name), step, {}
         self.low, self.high = (getattr(fit.variables[name], end) for end in ("min", "max"))
         others = np.arange(len(fit.free)) != self.k
         slope = np.concatenate([j for _, _, j in self.problem.blocks(fit.values)], axis=2)[:, others]
@@ -145,9 +145,9 @@ class Profile:
                 self._known[delay] = float(r @ r - fall)
         return self._known[delay]
 
-    def _smoothed(self, half):
+    def _smoothed(self):
         """Delays round that of the fit, what they leave, that without its ruggedness, and the ruggedness."""
-        some = self.at + half * np.arange(-2 * NEAR - 2, 2 * NEAR + 3)
+        some = self.at + self.step / 2 * np.arange(-2 * NEAR - 2, 2 * NEAR + 3)
         some = some[(some > self.low) & (some < self.high)]
         left = np.array([self.left(d) for d in some])
         if len(some) < 4 * NEAR or not np.isfinite(left).all():
@@ -156,34 +156,25 @@ class Profile:
         rugged = float(np.median(np.abs(np.diff(left, 4))) / 0.6745 / np.sqrt(70.0))  # of white noise: 1, 4, 6, 4, 1
         return some[2:-2], smooth, rugged
 
-    def least(self, half):
+    def least(self):
         """The delay near that of the fit that leaves least.
-
-        Parameters
-        ----------
-        half : float
-            A sample's half [s].
 
         Returns
         -------
         float
             [s]
         """
-        some, left, _ = self._smoothed(half)
+        some, left, _ = self._smoothed()
         return float(some[np.argmin(left)]) if len(some) else self.at
 
-    def interval(self, half):
+    def interval(self):
         """Ends of the stretch round the fit's delay in which the likelihood falls by no more than noise makes it.
-
-        Parameters
-        ----------
-        half : float
-            A sample's half [s].
 
         Returns
         -------
         (float, float)
+            [s]
         """
-        some, left, rugged = self._smoothed(half)
+        some, left, rugged = self._smoothed()
         inside = some[left <= np.min(left, initial=np.inf) + PRESSED + 2 * rugged]
-        return min(self.at, *inside[:1]), max(self.at, *inside[-1:])
+        return float(min(self.at, *inside[:1])), float(max(self.at, *inside[-1:]))

@@ -254,7 +254,7 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
     noise : list of Noise, optional
         Noise of each channel where it is known; estimated from the residual by default.
     held : list of str
-        Free parameters that stay where they start: they are given a covariance, and not looked for.
+        Parameters that stay where they start: those that are free are given a covariance, and not looked for.
 
     Returns
     -------
@@ -277,8 +277,8 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
     return found
 
 
-def _fit(dataset, model, start, free, part, robust, most, noise, held=()):
-    """Fit a model's free parameters to all samples of a part, with some of them held where they start."""
+def _fit(dataset, model, start, free, part, robust, most, noise, held):
+    """Fit a model's free parameters to all samples of a part, those that are held staying where they start."""
     robust = dataset.study.robust if robust is None else robust
     variables = dataset.parameters.variables(model)
     parameters = {**{n: v.value for n, v in variables.items()}, **dataset.parameters.values(model), **(start or {})}
@@ -305,8 +305,8 @@ def _fit(dataset, model, start, free, part, robust, most, noise, held=()):
         slope, residual = moments.slope_and_residual(x)
         gram = moments.gram(x, weights, True)
     found = result(problem, slope, residual, gram, x, free, variables, weights, noise, robust)
-    for name in held:  # what is left pulls at it, but not to where less is left
-        found.unbounded[free.index(name)] = found.values[free.index(name)]
+    for k in (free.index(n) for n in held if n in free):  # what is left pulls at it, but not to where less is left
+        found.unbounded[k] = found.values[k]
     for name, runs in own.items():
         if all(n in free for n in runs.values()):
             found.own[name] = list(runs.values())

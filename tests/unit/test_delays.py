@@ -91,6 +91,14 @@ def test_a_study_whose_own_effects_delay_a_torque_is_read(lagging_study, effect)
     assert np.isfinite(list(least_squares.fit(data, data.base).error.values())).all()
 
 
+def test_a_delay_that_the_study_fixes_is_held_and_no_more(lagging_study):
+    data = Dataset(load_study(lagging_study), Library())
+    model, name = compile_model(data.library, data.study.rig, [("time_delay", "torque")]), "time_delay_torque.d"
+    free = [n for n in data.parameters.free(model) if n != name]
+    fit = least_squares.fit(data, model, {name: 0.03}, free, held=[name])
+    assert fit.parameters[name] == 0.03 and name not in fit.free and not fit.profiles
+
+
 def test_a_filter_is_undone_in_every_run_alike(lagging_study):
     text = lagging_study.read_text()
     one = Dataset(load_study(lagging_study), Library())

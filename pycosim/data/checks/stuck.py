@@ -119,33 +119,29 @@ def _contradicted(name, a, b, begin, moves, length, spans, group, holds, reading
         typical = weights[np.searchsorted(np.cumsum(weights), 0.05 * weights.sum())] if len(weights) else 1
         if b - a + 1 > _LONGER * typical and not (name in group["encoders"] and _followed(name, inside, holds)):
             return True
-    for relation, hold in holds:
-        if name in relation.variables and hold.residual is not None:
-            for channel, r in zip(relation.channels, hold.residual):
-                within = hold.used.copy()
-                within[:] = False
-                within[inside] = hold.used[inside]
-                outside = hold.used.copy()
-                outside[inside] = False
-                if within.sum() >= _SAMPLES and outside.sum() >= _SAMPLES:
-                    e, usual = np.sqrt(np.mean(r[within] ** 2)), 1.4826 * np.median(np.abs(r[outside]))
-                    if e > _TIMES * max(usual, 1e-12) and e > 0.2 * hold.spread[channel]:
-                        return True
+    for channel, r, within, outside, hold in _residuals(name, inside, holds):
+        e, usual = np.sqrt(np.mean(r[within] ** 2)), 1.4826 * np.median(np.abs(r[outside]))
+        if e > _TIMES * max(usual, 1e-12) and e > 0.2 * hold.spread[channel]:
+            return True
     return False
 
 
 def _followed(name, inside, holds):
     """Whether an encoder that stays is where the motors say that it is, as well as it is elsewhere: in slow motion."""
-    told = []
+    told = [np.std(r[within]) <= _AS_WELL * 1.4826 * np.median(np.abs(r[outside] - np.median(r[outside])))
+            for _, r, within, outside, _ in _residuals(name, inside, holds)]
+    return bool(told) and all(told)
+
+
+def _residuals(name, inside, holds):
+    """Channels of the relations that a column is in, what they leave, and the samples within a stretch and outside."""
     for relation, hold in holds:
         if name in relation.variables and hold.residual is not None:
-            within, outside = hold.used.copy(), hold.used.copy()
-            within[:], outside[inside] = False, False
-            within[inside] = hold.used[inside]
+            within, outside = np.zeros_like(hold.used), hold.used.copy()
+            within[inside], outside[inside] = hold.used[inside], False
             if within.sum() >= _SAMPLES and outside.sum() >= _SAMPLES:
-                told += [np.std(r[within]) <= _AS_WELL * 1.4826 * np.median(np.abs(r[outside] - np.median(r[outside])))
-                         for r in hold.residual]
-    return bool(told) and all(told)
+                for channel, r in zip(relation.channels, hold.residual):
+                    yield channel, r, within, outside, hold
 
 
 def _finding(readings, columns, name, k, bad, time, values):
