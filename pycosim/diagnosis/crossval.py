@@ -87,10 +87,10 @@ def select(dataset, model, fit, noise, usual=None):
 
 def _cross_validate(gram, fold, low, high):
     """Squares of each channel and block, with parameters fitted to the other folds."""
-    error, whole = np.zeros(gram.shape[:2]), gram.sum((0, 1))
+    error = np.zeros(gram.shape[:2])
     for f in np.unique(fold):
         inside = fold == f
-        rest = whole - gram[:, inside].sum((0, 1))
+        rest = gram[:, ~inside].sum((0, 1))
         _, x = bounded(rest[:-1, :-1], rest[:-1, -1], low, high)
         y = np.r_[-x, 1.0]
         error[:, inside] = np.einsum("i,cbij,j->cb", y, gram[:, inside], y)
@@ -109,7 +109,7 @@ def _predictive(gram, fold, low, high):
     error = np.einsum("i,cbij,j->cb", y, gram, y)
     for f in np.unique(fold):
         inside = fold == f
-        rest = whole - gram[:, inside].sum((0, 1))
+        rest = gram[:, ~inside].sum((0, 1))  # a difference would keep the rounding of what one fold alone tells
         gained = bounded(rest[:-1, :-1], rest[:-1, -1], low, high)[0]
         risen = (whole[-1, -1] - kept) - (rest[-1, -1] - gained) - error[:, inside].sum()
         error[:, inside] += risen / error[:, inside].size

@@ -48,8 +48,11 @@ def bounded(a, b, low, high):
     value : float
     x : ndarray, shape (p,)
     """
-    scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
+    seen = np.diag(a) > 0  # beside nothing, what is shared is the rounding of a difference
+    scale = np.sqrt(np.where(seen, np.diag(a), 1.0))
     s, low, high = a / np.outer(scale, scale), low * scale, np.maximum(high, low + 1e-12) * scale
+    if not seen.all():
+        s[~seen, :] = s[:, ~seen] = 0.0
     x = _pressed(s, b / scale, low, high)
     if x is None:
         values, vectors = np.linalg.eigh(s)

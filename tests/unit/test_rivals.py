@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pycosim.diagnosis.crossval import _cross_validate, _predictive
+from pycosim.fit.bounded import bounded
 
 FREE = np.full(2, np.inf)
 
@@ -37,3 +38,17 @@ def test_the_error_of_prediction_of_the_right_law_is_the_noise(alone):
     found = np.array([world(seed, alone)[0][1] for seed in range(40)])
     assert abs(found.mean() - 1000) < 4 * np.sqrt(2 * 1000 / 40)
 
+
+
+def test_what_one_fold_alone_tells_leaves_no_rounding_in_the_others():
+    """Of two effects that one run alone shows: beside squares of zero, products of 1e-10 had no eigenvalues."""
+    moments = np.array([[0.0, 1e-10, 1e-9], [1e-10, 0.0, 3e-10], [1e-9, 3e-10, 4.0]])
+    _, x = bounded(moments, np.array([1e-10, 0.0, 8.0]), -np.full(3, 5.0), np.full(3, 5.0))
+    assert np.allclose(x, [0.0, 0.0, 2.0])
+    rng = np.random.default_rng(0)
+    rows = rng.standard_normal((6, 4, 50))
+    rows[1:, :2] = 0.0
+    gram, fold = np.einsum("bin,bjn->bij", rows, rows)[None], np.arange(6) // 2
+    known = _cross_validate(gram[:, :, 2:, 2:], fold, *(np.full(1, end) for end in (-np.inf, np.inf)))
+    left_out = _cross_validate(gram, fold, *(np.full(3, end) for end in (-np.inf, np.inf)))
+    assert np.allclose(left_out[:, 1], known[:, 1]), "what the other folds know nothing of predicts nothing"
