@@ -114,10 +114,20 @@ class Diagnosis:
         """The finding that would be added, if its coefficient turns out to be constant beside others; or None."""
         return next((c for c in self.candidates if c.provisional), None)
 
-    def accept(self):
-        """Accept the provisional finding: beside other effects its coefficient turned out to be constant."""
-        found = self.provisional
-        found.accepted, found.provisional, self.verdict, self.unexplained = True, False, "missing_effect", None
+    def accept(self, finding):
+        """Accept a finding: beside other effects its coefficient turned out to be constant.
+
+        Parameters
+        ----------
+        finding : Finding
+            The provisional one, or one of a pair that was fitted together.
+        """
+        if self.provisional is not None:
+            self.provisional.provisional = False
+        known = next(c for c in self.candidates if c.key == finding.key)
+        finding.accepted, finding.predicted_error = True, known.predicted_error
+        self.candidates = [finding, *(c for c in self.candidates if c is not known)]
+        self.verdict, self.unexplained = "missing_effect", None
 
     @property
     def winner(self):
@@ -206,13 +216,13 @@ def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
             _give_way(findings, chosen, UNSOLVED)
             continue
         chosen.fit = least_squares.fit(dataset, larger, chosen.fit.parameters)
-        if _holds_nothing(larger, chosen):  # something else may be missing too, which its noise then holds
+        if holds_nothing(larger, chosen):  # something else may be missing too, which its noise then holds
             chosen.fit = least_squares.fit(dataset, larger, chosen.fit.parameters,
                                            noise=_lesser(dataset, noise, chosen.fit.noise))
-        if _holds_nothing(larger, chosen):
+        if holds_nothing(larger, chosen):
             chosen.fit = _told_from_nothing(dataset, larger, chosen, model, fit)
         chosen.coefficients = _coefficients(larger, chosen.fit)
-        if not _holds_nothing(larger, chosen):
+        if not holds_nothing(larger, chosen):
             return chosen
         _give_way(findings, chosen, NOTHING)
     return None
@@ -249,14 +259,27 @@ def _findings(table, scores):
         finding.p_value_single = float(np.exp(-score.surprise))
         finding.p_value = scores.family(score.surprise, score.scanned)
         finer = scores.refined.get(candidate.key, score)
-        finding.start = _start(finer.candidate, finer.coefficients)
+        finding.start = start_of(finer.candidate, finer.coefficients)
         finding.predicted_error = scores.predicted(finer.candidate, finer.coefficients)
         findings.append(finding)
     return sorted(findings, key=lambda f: -f.statistic)
 
 
-def _start(candidate, coefficients):
-    """Full values of an effect's coefficients at its score estimate."""
+def start_of(candidate, coefficients):
+    """Full values of an effect's coefficients at its score estimate.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        At the grid point that its scores are those of.
+    coefficients : ndarray or None
+        Estimated, relative to neutral; None where the grid alone is known.
+
+    Returns
+    -------
+    dict of str to float
+        By parameter of the model, SI units.
+    """
     effect, base = candidate.effect, component_name(candidate.effect, candidate.place)
     values = dict(candidate.grid)
     if coefficients is None:
@@ -348,14 +371,30 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
         return False
     finding.fit = min(fits, key=lambda f: _cost(f, usual))
     finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
-    finding.coefficients = _coefficients(larger, finding.fit)
-    base = component_name(*larger.attached[-1])
-    acting = table.contribution(larger.attached[-1][0]).coefficients  # a time or a travel too that acts by itself
-    scan = larger.attached[-1][0].scan
-    own, rig = finding.fit.variables, larger.parameters
-    finding.sizes = {c: _none(own[f"{base}.{c}"]) if c in scan else rig[f"{base}.{c}"].value
-                     for c in acting if c in finding.coefficients}
+    measure(finding, larger, larger.attached[-1], table)
     return True
+
+
+def measure(finding, model, attached, table):
+    """What a finding's fit says of its effect: coefficients, and the values of its sizes that change nothing.
+
+    Parameters
+    ----------
+    finding : Finding
+        With the fit; changed in place.
+    model : Model
+        That was fitted.
+    attached : (Effect, Place)
+        The finding's, one of the model's.
+    table : Table
+        Knows what the effect's size is.
+    """
+    effect, base = attached[0], component_name(*attached)
+    own, rig = finding.fit.variables, model.parameters
+    finding.coefficients = _coefficients(model, finding.fit, attached)
+    acting = table.contribution(effect).coefficients  # a time or a travel too that acts by itself
+    finding.sizes = {c: _none(own[f"{base}.{c}"]) if c in effect.scan else rig[f"{base}.{c}"].value
+                     for c in acting if c in finding.coefficients}
 
 
 def _best_fit(dataset, model, start, noise, usual):
@@ -395,9 +434,9 @@ def _explained_by(findings, chosen, scores):
             f.explained_by = {"effect": chosen.effect, "place": chosen.place}
 
 
-def _coefficients(model, fit):
-    """Values, intervals and units of the last attached effect's coefficients."""
-    base = component_name(*model.attached[-1])
+def _coefficients(model, fit, attached=None):
+    """Values, intervals and units of an effect's coefficients, by default of the last attached one's."""
+    base = component_name(*(attached or model.attached[-1]))
     return {n.split(".", 1)[1]: {"value": fit.parameters[n], "ci95": fit.interval(n), "unit": model.parameters[n].unit}
             for n in fit.free if n.startswith(base + ".")}
 
@@ -444,20 +483,54 @@ def _decide(findings, rivals, base, refines, steady):
     best = _plainly_better(base, earned)
     if _at_a_bound(best):  # a coefficient that the bounds alone hold is no measurement, where another does as well
         best = next((f for f in earned[1:] if not _at_a_bound(f) and _twins(base, f, best, kinds=("white",))), best)
-    twins = [f for f in rivals if f is not best and f.refused not in (NOTHING, UNSOLVED) and _twins(base, f, best)]
-    plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(base, f, best, 3.0)), None)
-    enough = plain is not None and steady(plain)
-    if enough:  # a correction of an effect is not claimed where the effect itself does nearly as well
-        twins = [best, *[t for t in twins if t is not plain]]
-        best = plain
-    best.accepted = bool(enough or steady(best))
+    best, twins, constant = _considered(rivals, earned, best, base, refines, steady)
+    largest = min(earned, key=lambda f: f.selection.raw.sum())
+    if not constant and _ahead_in_plain(largest, best):  # what is slow is missing too, and may need no other
+        other = _considered(rivals, earned, largest, base, refines, steady)
+        best, twins, constant = other if other[2] else (best, twins, constant)
+    best.accepted = constant
     best.provisional = not best.accepted
     findings.remove(best)
     findings.insert(0, best)
-    for other in twins:
+    for other in by_kind(twins):
         best.twins.append({"effect": other.effect, "place": other.place})
         other.twins.append({"effect": best.effect, "place": best.place})
     return best
+
+
+def _considered(rivals, earned, best, base, refines, steady):
+    """What is said where a finding is the best: it or what it corrects, alternatives, and whether it is constant."""
+    twins = [f for f in rivals if f is not best and f.refused not in (NOTHING, UNSOLVED) and _twins(base, f, best)]
+    plain = next((f for f in earned if f.effect == refines.get(best.effect) and _twins(base, f, best, 3.0)), None)
+    if plain is not None and steady(plain):  # a correction is not claimed where the effect itself does nearly as well
+        return plain, [best, *[t for t in twins if t is not plain]], True
+    return best, twins, bool(steady(best))
+
+
+def _ahead_in_plain(one, other):
+    """Whether one finding predicts unseen folds better than another by more than chance, and by enough to matter."""
+    ahead, own = difference(other.selection.raw, one.selection.raw)
+    return ahead > max(SEPARATE * own, PLAIN * other.selection.raw.sum())
+
+
+def by_kind(findings):
+    """Findings in their order, yet each effect once before any of them at a second place.
+
+    Parameters
+    ----------
+    findings : list of Finding
+        Best first.
+
+    Returns
+    -------
+    list of Finding
+        The same ones.
+    """
+    known, ranks = {}, []
+    for f in findings:
+        known[f.effect] = known.get(f.effect, 0) + 1
+        ranks.append(known[f.effect])
+    return [f for _, f in sorted(zip(ranks, findings), key=lambda pair: pair[0])]
 
 
 def _plainly_better(base, earned):
@@ -470,9 +543,7 @@ def _plainly_better(base, earned):
     fall, better = difference(base.white, best.selection.white)[0], []
     for f in earned[1:]:
         behind, error = difference(f.selection.white, best.selection.white)
-        ahead, own = difference(best.selection.raw, f.selection.raw)
-        if (behind <= SEPARATE * error and behind < ALIKE * fall
-                and ahead > max(SEPARATE * own, PLAIN * best.selection.raw.sum())):
+        if behind <= SEPARATE * error and behind < ALIKE * fall and _ahead_in_plain(f, best):
             better.append(f)
     return min(better, key=lambda f: f.selection.raw.sum()) if better else best
 
@@ -503,9 +574,23 @@ def _refused(base, finding):
     return None
 
 
-def _holds_nothing(model, finding):
-    """Whether the intervals of all sizes hold the value that changes nothing."""
-    coefficients = _coefficients(model, finding.fit)
+def holds_nothing(model, finding, attached=None):
+    """Whether the intervals of all sizes of an effect hold the value that changes nothing.
+
+    Parameters
+    ----------
+    model : Model
+        That was fitted.
+    finding : Finding
+        With the fit, and its sizes.
+    attached : (Effect, Place), optional
+        The finding's, the last of the model's by default.
+
+    Returns
+    -------
+    bool
+    """
+    coefficients = _coefficients(model, finding.fit, attached)
     ends = [(coefficients[n]["ci95"], neutral) for n, neutral in finding.sizes.items()]
     return bool(ends) and not finding.fit.apart and all(low <= neutral <= high for (low, high), neutral in ends)
 
@@ -531,14 +616,33 @@ def _told_from_nothing(dataset, model, finding, smaller, without):
 
 
 def _twins(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
+    return alike(base, other.selection, best.selection, errors, kinds)
+
+
+def alike(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
     """Whether unseen folds cannot tell two refitted candidates apart: by so many standard errors, and what they take.
 
     Rivals that take away very different parts of the error are no alternatives, however noisy the comparison. One that
     its bounds hold errs less in the plain error than one that the other folds must tell: the whitened one counts that.
+
+    Parameters
+    ----------
+    base : Selection
+        Without either.
+    other, best : Selection
+        Of the rivals.
+    errors : float
+        Standard errors.
+    kinds : tuple of str
+        Errors that are asked: ``white``, ``raw``.
+
+    Returns
+    -------
+    bool
     """
-    least = {"white": 2.0 * errors ** 2, "raw": RELEVANT * best.selection.raw.sum()}
+    least = {"white": 2.0 * errors ** 2, "raw": RELEVANT * best.raw.sum()}
     for kind in kinds:
-        one, two, none = (getattr(s, kind) for s in (other.selection, best.selection, base))
+        one, two, none = (getattr(s, kind) for s in (other, best, base))
         gap, spread = difference(one, two)
         if gap >= least[kind] and not (gap <= errors * spread and gap < ALIKE * difference(none, two)[0]):
             return False

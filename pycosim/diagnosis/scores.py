@@ -204,7 +204,7 @@ class Scores:
             y[p + np.array(part)] -= b
         total = sum(w ** 2 * g[:p] for w, g in zip(self.weights, self.thin))
         if p:
-            y[:p] = -bounded(total[:, :p], total @ y, *self._bounds(None))[1]
+            y[:p] = -bounded(total[:, :p], total @ y, *self._bounds())[1]
         samples = len(range(0, len(self.table.time), self.few))
         return [max(y @ g @ y, 0.0) / samples for g in self.thin]
 
@@ -255,7 +255,7 @@ class Scores:
             sided = d == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
             coarse = np.array([rounded[part].sum(0) for part in candidate.parts])
             inner = inner + coarse @ coarse.T / max(coarse.shape[1], 1)
-            value, coefficients = self._fall(candidate)
+            value, coefficients = self.fall(candidate)
             surprise = float(self._surprise(value, d, sided, self._dof(candidate)))
             spread = np.sqrt(self.variance * self._inflation(candidate) * np.diag(np.linalg.inv(inner)))
             self.results.append(Score(candidate, value, surprise, coefficients, True, spread))
@@ -285,7 +285,7 @@ class Scores:
                 new.append(self._candidate_at(score.candidate, grid))
         self._extend()
         for candidate in new:
-            value, coefficients = self._fall(candidate)
+            value, coefficients = self.fall(candidate)
             if value > self.refined[candidate.key].value:
                 self.refined[candidate.key] = Score(candidate, value, 0.0, coefficients, True)
 
@@ -339,7 +339,7 @@ class Scores:
 
         One that is at its bound by chance yields; pressed is what would lower the whitened squares by many variances.
         """
-        p, (low, high) = self.p, self._bounds(None)
+        p, (low, high) = self.p, self._bounds()
         a, b = self.gram[:p, :p], self.gram[:p, -1]
         fitted, x = bounded(a, b, low, high)
         near = 1e-5 * np.array([self.table.fit.variables[n].nominal for n in self.table.fit.free])
@@ -400,28 +400,63 @@ class Scores:
         base, inverse = self._absorb
         columns = [self.p + np.array(part) for part in candidate.parts]
         cross = np.array([self.gram[np.ix_(c, base)].sum(0) for c in columns]) @ inverse
-        own = _summed(self.gram, columns) - cross @ np.array([self.gram[np.ix_(c, base)].sum(0) for c in columns]).T
+        own, _ = self._beside(columns, base, inverse)
         coarse = np.array([self.beside_rounding[c].sum(0) for c in columns]) - cross @ self.beside_rounding[base]
         added = coarse @ coarse.T / (coarse.shape[1] * self.variance)
         return 1.0 + float(np.max(np.linalg.eigvals(np.linalg.lstsq(own, added, rcond=1e-12)[0]).real, initial=0.0))
 
-    def _fall(self, candidate):
-        """Fall of the whitened sum of squares, over its variance, with base and candidate inside their bounds."""
-        groups = [*[[k] for k in range(self.p)], *[self.p + np.array(part) for part in candidate.parts]]
-        a, b = _summed(self.gram, groups), np.array([self.gram[-1][g].sum() for g in groups])
-        with_it, x = bounded(a, b, *self._bounds(candidate))
-        if not hasattr(self, "_without"):
-            self._without = bounded(a[:self.p, :self.p], b[:self.p], *self._bounds(None))[0]
-        fall = max(0.0, (with_it - self._without) / self.variance)
-        return fall / self._inflation(candidate), x[self.p:]
+    def fall(self, *candidates):
+        """What candidates take together, with the base and all of them inside their bounds.
 
-    def _bounds(self, candidate):
+        Parameters
+        ----------
+        *candidates : Candidate
+            Of the table's, at grid points of their own.
+
+        Returns
+        -------
+        value : float
+            Fall of the whitened sum of squares, over its variance.
+        coefficients : ndarray
+            Of the candidates, one after the other.
+        """
+        groups = [*[[k] for k in range(self.p)], *[self.p + np.array(part) for c in candidates for part in c.parts]]
+        a, b = _summed(self.gram, groups), np.array([self.gram[-1][g].sum() for g in groups])
+        with_them, x = bounded(a, b, *self._bounds(*candidates))
+        if not hasattr(self, "_without"):
+            self._without = bounded(a[:self.p, :self.p], b[:self.p], *self._bounds())[0]
+        fall = max(0.0, (with_them - self._without) / self.variance)
+        return fall / max(self._inflation(c) for c in candidates), x[self.p:]
+
+    def _bounds(self, *candidates):
         fit = self.table.fit
         low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
         high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
-        if candidate is None:
-            return low, high
-        return np.r_[low, candidate.lower], np.r_[high, candidate.upper]
+        return np.concatenate([low, *(c.lower for c in candidates)]), np.concatenate(
+            [high, *(c.upper for c in candidates)])
+
+    def beside_base(self, candidates):
+        """What candidates change beside what the base absorbs of it, and how that goes with the residual.
+
+        Parameters
+        ----------
+        candidates : list of Candidate
+            Of the table's.
+
+        Returns
+        -------
+        moments : ndarray, shape (coefficients, coefficients)
+            Of the whitened columns, all coefficients of all candidates.
+        moved : ndarray, shape (coefficients,)
+            With the residual, in the same unit.
+        """
+        return self._beside([self.p + np.array(part) for c in candidates for part in c.parts], *self._absorb)
+
+    def _beside(self, groups, given, inverse):
+        """Moments of groups of rows, and theirs with the residual, beside what given rows explain of them."""
+        cross = np.array([self.gram[np.ix_(g, given)].sum(0) for g in groups])
+        moved = np.array([self.gram[g, -1].sum() for g in groups]) - cross @ (inverse @ self.gram[given, -1])
+        return _summed(self.gram, groups) - cross @ inverse @ cross.T, moved
 
     def beside(self, key):
         """Family-wise p-values of all candidates, with one of them in the model.
@@ -445,11 +480,8 @@ class Scores:
             if not score.visible or candidate.key == key:
                 continue
             groups = [p + np.array(part) for part in candidate.parts]
-            cross = np.array([self.gram[np.ix_(g, given)].sum(0) for g in groups])
-            own = _summed(self.gram, groups)
-            inner = own - cross @ inverse @ cross.T
-            moved = np.array([self.gram[g, -1].sum() for g in groups]) - cross @ (inverse @ self.gram[given, -1])
-            if np.min(np.diag(inner) / np.diag(own)) < SHADOW:
+            inner, moved = self._beside(groups, given, inverse)
+            if np.min(np.diag(inner) / np.diag(_summed(self.gram, groups))) < SHADOW:
                 value = 0.0
             else:
                 value = float(moved @ np.linalg.lstsq(inner, moved, rcond=1e-9)[0])

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, replace
 
 from ..compile import compile_model, find_effect, find_place, places
 from ..core.errors import PycosimError, StudyError
 from ..fit import least_squares
-from . import compare
+from . import compare, pairs
 from .constancy import allowed, constancy
 from .crossval import difference, select
-from .decide import SEPARATE, Finding, diagnose, nudged
+from .decide import SEPARATE, Finding, alike, diagnose, nudged
 from .dependence import dependence
 from .remainder import LEFT, beyond, remaining, rises
 
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
+TOGETHER = 3  # effects of a ladder up to which two are looked for, or exchanged, at once
 
 
 @dataclass
@@ -254,7 +256,8 @@ def improve(dataset, model=None, seed=0, progress=None):
     first, steps, last = _first(dataset, steps, seed, progress)
     for again in range(MOST):
         steps, last = _grow(dataset, steps, last, seed, progress)
-        revised = _revised(dataset, steps, last.noise, seed, progress)
+        revised = (_revised(dataset, steps, last.noise, seed, progress)
+                   or _exchanged(dataset, steps, last, seed, progress))
         if revised is None:
             break
         steps = revised
@@ -295,12 +298,12 @@ def diagnosed(dataset, model, fit, seed=0, progress=None):
 def _first(dataset, steps, seed, progress):
     """The diagnosis of the last step, and the path and diagnosis that the search goes on with."""
     found = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + len(steps) - 1, progress)
-    if found.provisional is None:
-        return found, steps, found
-    ahead, last = _ahead(dataset, steps, found, seed, progress)
+    ahead, last = _ahead(dataset, steps, found, seed, progress) if found.provisional else (None, None)
+    if ahead is None and found.verdict == "unexplained" and len(steps) + 1 <= TOGETHER:
+        ahead, last = _together(dataset, steps, seed, progress)
     if ahead is None:
         return found, steps, found
-    found.accept()
+    found.accept(ahead[len(steps)].finding)
     return found, ahead, last
 
 
@@ -423,6 +426,71 @@ def _revised(dataset, steps, noise, seed, progress):
         if all(gain > SEPARATE * spread for gain, spread in gains):  # the luck of folds changes nobody's mind
             return _ladder(dataset, steps[0], [*rest, Step(found.key, larger, found.fit, {}, {}, found)])
     return None
+
+
+def _exchanged(dataset, steps, last, seed, progress):
+    """The ladder with two effects in the place of two; or None.
+
+    Chosen one after the other, the first of two may stand in for both. The scores of a model that lacks what is
+    exchanged say which two take most of it together. Those are fitted, and unseen folds decide as they do for one; of
+    what they cannot tell apart, the one with fewer coefficients is said. Where nothing is exchanged, what could be in
+    the place of one of the two is told as its alternative: its own were found where the other was missing.
+    """
+    added, fulls, best = steps[1:], _Selections(dataset, steps[-1], last.noise), (0.0, None, None)
+    for out in itertools.combinations(added, 2) if len(added) <= TOGETHER else ():
+        rest, near = [s for s in added if s not in out], []
+        for pair in pairs.fitted(dataset, steps[0].model, [s.added for s in rest], steps[-1].fit, seed, progress):
+            gain, cannot_tell = _gained(fulls, pair)
+            near += [pair] if cannot_tell else []
+            if gain > best[0] and {*pair.keys} != {s.added for s in out}:
+                best = gain, rest, pair
+        told = [pairs.instead(near, step.finding, other.finding) for step, other in (out, out[::-1])]
+        for step, alternatives in zip(out, told):
+            step.finding = replace(step.finding, twins=alternatives)
+    if best[2] is None:
+        return None
+    path = _joined(dataset, steps[0], *best[1:])
+    return path if _shortfall(dataset, path, last.noise, 1, seed) <= 1.0 else None
+
+
+def _gained(fulls, pair):
+    """By how much a model with a pair of effects is better on unseen folds than a step, and whether they cannot tell.
+
+    None where it is not clearly better, and has no fewer coefficients either.
+    """
+    here, full = fulls.beside(pair.without)
+    other = select(here, pair.model, pair.fit, fulls.noise, full.usual)
+    gains = [difference(getattr(full, kind), getattr(other, kind)) for kind in ("white", "raw")]
+    spared = len(fulls.step.fit.free) - len(pair.fit.free)
+    clear = all(gain > SEPARATE * spread for gain, spread in gains)
+    near = alike(select(here, pair.without, pair.lacking, fulls.noise, full.usual), other, full)
+    return gains[0][0] + 2 * spared if clear or (spared > 0 and near) else 0.0, near
+
+
+def _together(dataset, steps, seed, progress):
+    """The ladder with two more effects at once, and a third where they need it, and its diagnosis; or None.
+
+    Where something is missing, and no effect by itself is what is: each of two may be far from constant without the
+    other, and the first of the two that is tried may be neither.
+    """
+    keys = [s.added for s in steps[1:]]
+    pair = next(iter(pairs.fitted(dataset, steps[0].model, keys, steps[-1].fit, seed, progress)), None)
+    if pair is None:
+        return None, None
+    path = _joined(dataset, steps[0], steps[1:], pair)
+    while True:
+        last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress)
+        if _shortfall(dataset, path, last.noise, len(steps), seed) <= 1.0:
+            return path, last
+        chosen = last.winner or last.provisional
+        if chosen is None or len(path) - len(steps) >= AHEAD:
+            return None, None
+        path.append(_added(dataset, path, chosen, progress))
+
+
+def _joined(dataset, base, rest, pair):
+    """The steps of a ladder with a pair of effects after others."""
+    return _ladder(dataset, base, [*rest, *(Step(f.key, pair.model, pair.fit, {}, {}, f) for f in pair.findings)])
 
 
 def _prune(dataset, steps, noise):

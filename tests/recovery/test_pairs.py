@@ -2,15 +2,21 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects import machine as rig
+from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
+from pycosim.diagnosis import pairs
 from pycosim.diagnosis.decide import Finding
-from pycosim.diagnosis.search import _ladder, _revised, improve, step_of
+from pycosim.diagnosis.scores import LEVEL, Scores
+from pycosim.diagnosis.search import _exchanged, _ladder, _revised, diagnosed, improve, step_of
+from pycosim.diagnosis.table import Table
 from pycosim.fit import least_squares
 from pycosim.study.parse import load_study
 
@@ -54,3 +60,52 @@ def test_an_effect_that_stands_in_for_another_is_replaced(dataset):
 def test_what_was_chosen_rightly_stays(dataset):
     steps = ladder(dataset, TRUE)
     assert _revised(dataset, steps, steps[-1].fit.noise, 0, None) is None
+
+
+@pytest.fixture(scope="module")
+def scores(dataset):
+    """Of the base model, which lacks both."""
+    return Scores(Table(dataset, dataset.base, least_squares.fit(dataset, dataset.base)))
+
+
+def test_the_scores_of_one_model_tell_which_two_it_lacks(scores):
+    first = pairs.likely(scores, 8)[0]
+    assert set(first.keys) == set(TRUE)
+    assert first.value > max(s.value for s in scores.results)
+
+
+def test_what_two_take_together_is_what_both_together_take(scores):
+    alone = [s.candidate for s in scores.results if s.visible]
+    coordinates = pairs._whitened(scores, alone)
+    rng = np.random.default_rng(0)
+    for k in rng.integers(len(alone), size=20):
+        taken = pairs._taken(*coordinates, k)
+        for other in rng.choice(np.flatnonzero(np.isfinite(taken)), 20):
+            moments, moved = scores.beside_base([alone[k], alone[other]])
+            assert np.isclose(taken[other], moved @ np.linalg.solve(moments, moved), rtol=1e-6)
+
+
+def test_two_that_stand_in_for_two_are_exchanged_together(dataset):
+    steps = ladder(dataset, [("viscous", "1A+2A"), ("joint_spring", "hip")])
+    last = SimpleNamespace(verdict="unexplained", noise=steps[-1].fit.noise)
+    exchanged = _exchanged(dataset, steps, last, 0, None)
+    assert {s.added for s in exchanged[1:]} == set(TRUE)
+    assert all(s.finding.p_value < LEVEL and s.finding.coefficients for s in exchanged[1:])
+
+
+def test_two_that_nothing_speaks_against_stay(dataset):
+    steps = ladder(dataset, TRUE)
+    for verdict in ("nothing_missing", "unexplained"):
+        last = SimpleNamespace(verdict=verdict, noise=steps[-1].fit.noise)
+        assert _exchanged(dataset, steps, last, 0, None) is None
+
+
+def test_effects_that_hide_one_another_are_found_together(tmp_path):
+    """No effect by itself has one coefficient here: one after the other they were `unexplained`."""
+    study = make("three:load_nonlinearity+configuration_preload+stribeck:1.7:1982", tmp_path, quick=True)
+    data = Dataset(load_study(study), Library())
+    found = improve(data)
+    hidden = {("load_nonlinearity", "2A"), ("configuration_preload", "2A"), ("stribeck", "1A")}
+    assert {s.added for s in found.steps[1:]} == hidden and found.last.verdict == "nothing_missing"
+    told = diagnosed(data, found.steps[0].model, found.steps[0].fit)
+    assert told.verdict == "missing_effect" and told.winner.key == found.steps[1].added == found.first.winner.key

@@ -1,0 +1,246 @@
+"""A model that lacks something in; the pairs of effects that explain most of it together, fitted, out.
+
+One effect after the other can miss two at once: the first that is taken may stand in for both, and beside it neither
+is what is lacking. The scores of a fitted model tell of every pair what it would take, from the moments that its
+members' own tests are made of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..compile import compile_model
+from ..core.errors import PycosimError
+from ..fit import least_squares
+from .crossval import select
+from .decide import TRIAL, Finding, alike, by_kind, holds_nothing, measure, start_of
+from .scores import LEVEL, Scores
+from .table import Table
+
+APART = 0.02
+"""Of what one effect changes, that must be left beside the other: two that are nearly one have no size of their own."""
+REFITS = 8  # pairs that are fitted
+ALIKE = 3  # pairs of the same two effects, at other places, that are tried
+
+
+@dataclass
+class Pair:
+    """Two candidates that act together.
+
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+        Two, each at a grid point of its own.
+    value : float
+        What they take of the whitened squares, over the variance.
+    coefficients : ndarray
+        Of the first, then of the second.
+    without, model : Model
+        Without and with both.
+    lacking, fit : Fit
+        Of either model.
+    selection : Selection
+        Of the fit with both.
+    findings : list of Finding
+        One of either effect.
+    """
+
+    candidates: tuple
+    value: float
+    coefficients: np.ndarray
+    without: object = None
+    lacking: object = None
+    model: object = None
+    fit: object = None
+    selection: object = None
+    findings: list = field(default_factory=list)
+
+    @property
+    def keys(self):
+        """Effect and place of either."""
+        return tuple(c.key for c in self.candidates)
+
+    @property
+    def shares(self):
+        """Coefficients of either."""
+        n = len(self.candidates[0].parts)
+        return self.coefficients[:n], self.coefficients[n:]
+
+
+def fitted(dataset, base, keys, fit, seed, progress):
+    """The pairs that most may be said for beside some effects, fitted; best first on unseen folds.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its fit part is searched.
+    base : Model
+        Of its study.
+    keys : list of (str, str)
+        The effects beside which two are missing.
+    fit : Fit
+        Of a model with these effects among others: where its fit starts.
+    seed : int
+        Of the scores' draws.
+    progress : callable or None
+        Called with a sentence before each fit.
+
+    Returns
+    -------
+    list of Pair
+    """
+    without = compile_model(dataset.library, base.rig, [*base.keys, *keys])
+    lacking = least_squares.fit(dataset, without, fit.parameters)
+    here = dataset.settled(without, lacking.parameters)
+    table = Table(here, without, lacking)
+    scores = Scores(table, seed)
+    alone, found = select(here, without, lacking, scores.single), []
+    for k, pair in enumerate(some := likely(scores, REFITS), 1):
+        if progress:
+            progress(f"refitting with {' and '.join('@'.join(key) for key in pair.keys)}, {k} of {len(some)}")
+        starts = {n: v for c, own in zip(pair.candidates, pair.shares) for n, v in start_of(c, own).items()}
+        try:
+            pair.model = compile_model(dataset.library, base.rig, [*without.keys, *pair.keys])
+            pair.fit = least_squares.fit(here, pair.model, {**lacking.parameters, **starts}, most=TRIAL,
+                                         noise=scores.single)
+        except PycosimError:  # together they leave no motion, or no answer in closed form
+            continue
+        pair.without, pair.lacking = without, lacking
+        pair.selection = select(here, pair.model, pair.fit, scores.single, alone.usual)
+        found.append(pair)
+    _tell(scores, table, alone, found)
+    return [p for p in found if all(f.p_value < LEVEL and not holds_nothing(p.model, f, attached)
+                                    for f, attached in zip(p.findings, p.model.attached[-2:]))]
+
+
+def _tell(scores, table, alone, found):
+    """What scores and fits say of the effects of each pair, and what could be in the place of each; best pair first."""
+    beside = {key: scores.beside(key) for key in {key for pair in found for key in pair.keys}}
+    for pair in found:
+        for candidate, attached, partner in zip(pair.candidates, pair.model.attached[-2:], reversed(pair.keys)):
+            own = max((s for s in scores.results if s.candidate.key == candidate.key), key=lambda s: s.surprise)
+            finding = Finding(*candidate.key, accepted=True, p_value=beside[partner].get(candidate.key, 1.0),
+                              p_value_single=float(np.exp(-own.surprise)), statistic=own.value, fit=pair.fit,
+                              selection=pair.selection)
+            measure(finding, pair.model, attached, table)
+            pair.findings.append(finding)
+    found.sort(key=lambda p: p.selection.white.sum() + 2 * len(p.fit.free))
+    for pair in found:
+        near = [p for p in found if p is not pair and alike(alone, p.selection, pair.selection)]
+        for finding, other in zip(pair.findings, reversed(pair.findings)):
+            finding.twins = instead(near, finding, other)
+
+
+def instead(near, finding, other):
+    """What could be in the place of one of two effects, each effect once before any at a second place.
+
+    Parameters
+    ----------
+    near : list of Pair
+        That unseen folds cannot tell from these two.
+    finding, other : Finding
+        The effect and the one beside it, with the alternatives of either that are known.
+
+    Returns
+    -------
+    list of dict
+        Alternatives, with ``effect`` and ``place``.
+    """
+    mine, beside = ([f.key, *((t["effect"], t["place"]) for t in f.twins)] for f in (finding, other))
+    new = [f for pair in near if set(beside) & set(pair.keys) for f in pair.findings if f.key not in [*mine, *beside]]
+    return finding.twins + [{"effect": e, "place": p} for e, p in dict.fromkeys(f.key for f in by_kind(new))]
+
+
+def likely(scores, most):
+    """The pairs that explain most together, each at its best grid points.
+
+    Parameters
+    ----------
+    scores : Scores
+        Of the model that lacks both.
+    most : int
+        Pairs that are wanted.
+
+    Returns
+    -------
+    list of Pair
+        Best first, within the coefficients' bounds; no two effects at one component are the same.
+    """
+    candidates = [s.candidate for s in scores.results if s.visible]
+    if len(candidates) < 2:
+        return []
+    first, cross, size = _whitened(scores, candidates)
+    best = {}
+    for k, candidate in enumerate(candidates):
+        taken = _taken(first, cross, size, k)
+        for other in np.argsort(-taken)[:4 * most]:
+            keys = frozenset((candidate.key, candidates[other].key))
+            if np.isfinite(taken[other]) and taken[other] > best.get(keys, (0.0,))[0] and _apart(
+                    candidate, candidates[other]):
+                best[keys] = taken[other], candidate, candidates[other]
+    ordered = sorted(best.values(), key=lambda found: -found[0])[:20 * most]
+    pairs = [Pair((a, b), *scores.fall(a, b)) for _, a, b in ordered]
+    return _varied(sorted(pairs, key=lambda p: -(p.value - 2 * sum(map(_size, p.candidates)))), most)
+
+
+def _size(candidate):
+    """Coefficients of a candidate, those of its grid with them."""
+    return len(candidate.parts) + len(candidate.effect.scan)
+
+
+def _apart(one, other):
+    """Whether two candidates are not one effect at one component twice."""
+    return one.effect.id != other.effect.id or not set(one.place.components) & set(other.place.components)
+
+
+def _varied(pairs, most):
+    """The best of the pairs, of the same two effects a few at most."""
+    known, kept = {}, []
+    for pair in pairs:
+        kind = frozenset(c.effect.id for c in pair.candidates)
+        known[kind] = known.get(kind, 0) + 1
+        if known[kind] <= ALIKE and len(kept) < most:
+            kept.append(pair)
+    return kept
+
+
+def _whitened(scores, candidates):
+    """What each candidate explains of the residual and shares with each other, in coordinates where it is of size one.
+
+    Returns
+    -------
+    first : ndarray, shape (candidates, most)
+    cross : ndarray, shape (candidates, most, candidates, most)
+    size : ndarray of bool, shape (candidates, most)
+        Coordinates that there are: candidates have one coefficient or several.
+    """
+    own, moved = scores.beside_base(candidates)
+    most, count = max(len(c.parts) for c in candidates), len(candidates)
+    turn, k = np.zeros((count * most, len(moved))), 0
+    size = np.zeros((count, most), dtype=bool)
+    for i, candidate in enumerate(candidates):
+        rows = slice(k, k + len(candidate.parts))
+        turn[i * most:i * most + len(candidate.parts), rows] = least_squares.orthonormal(
+            least_squares.invert(own[rows, rows])[0])
+        size[i, :len(candidate.parts)] = True
+        k = rows.stop
+    return (turn @ moved).reshape(count, most), (turn @ own @ turn.T).reshape(count, most, count, most), size
+
+
+def _taken(first, cross, size, k):
+    """What one candidate takes together with each of the others; none of those that are nearly the same."""
+    most = first.shape[1]
+    shared = np.swapaxes(cross[k], 0, 1)  # the others first: what each shares with this one
+    shared = np.swapaxes(shared, 1, 2)
+    left = np.eye(most) - shared @ np.swapaxes(shared, 1, 2)
+    added = first - shared @ first[k]
+    apart = np.linalg.eigvalsh(left)[:, 0] > APART
+    taken = np.full(len(first), -np.inf)
+    solved = np.linalg.solve(left[apart], added[apart][:, :, None])[:, :, 0]
+    taken[apart] = (first[k] ** 2).sum() + (added[apart] * solved).sum(1)
+    taken[k] = -np.inf
+    return taken
+
+
