@@ -77,7 +77,7 @@ def test_no_limit_is_ever_exceeded_and_what_is_impossible_is_said(tmp_path, low,
     except PlanError as error:
         wide = low <= -1 and low + span >= 1.5 and speed >= 30 and acceleration >= 200 and torque >= 1
         assert not (wide and budget >= 60), "limits as wide as those of GEARED leave an experiment"
-        named = ("motor.w", "motor.a", "motor.tau", "'q'", "budget", "way", "speed", "stop")
+        named = ("motor.w", "motor.a", "motor.tau", "'q'", "budget", "way", "speed", "acceleration", "torque", "stop")
         assert any(n in str(error) for n in named)
         assert "\n" not in str(error)
     else:
