@@ -37,6 +37,7 @@ SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart
 PLAIN = 0.05  # of the plain squared error, by which it must be lower to decide: something else that is missing moves it
 REFITS = 10
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
+CONTESTED = 3  # alternatives, of which more leave no name: what is missing is then known up to a class of effects
 
 
 @dataclass
@@ -56,6 +57,7 @@ class Finding:
     start: dict = field(default_factory=dict)
     sizes: dict = field(default_factory=dict)
     provisional: bool = False
+    contested: bool = False
     refused: str | None = None
     explained_by: dict | None = None
     varies_with: str | None = None
@@ -111,11 +113,11 @@ class Diagnosis:
 
     @property
     def provisional(self):
-        """The finding that would be added, if its coefficient turns out to be constant beside others; or None."""
+        """What that would be added if, beside others, its coefficient is constant and its rivals fall; or None."""
         return next((c for c in self.candidates if c.provisional), None)
 
     def accept(self, finding):
-        """Accept a finding: beside other effects its coefficient turned out to be constant.
+        """Accept a finding: beside other effects its coefficient is constant, and few do as well.
 
         Parameters
         ----------
@@ -125,7 +127,7 @@ class Diagnosis:
         if self.provisional is not None:
             self.provisional.provisional = False
         known = next(c for c in self.candidates if c.key == finding.key)
-        finding.accepted, finding.predicted_error = True, known.predicted_error
+        finding.accepted, finding.provisional, finding.predicted_error = True, False, known.predicted_error
         self.candidates = [finding, *(c for c in self.candidates if c is not known)]
         self.verdict, self.unexplained = "missing_effect", None
 
@@ -187,7 +189,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     winner, provisional = (chosen if chosen and chosen.accepted else None), (
         chosen if chosen and chosen.provisional else None)
     channels = _channels(fit.error, floor, told, base, winner, dataset.steps, provisional, slow)
-    mystery = unexplained(table, depends, floor) if verdict == "unexplained" and not dataset.averaged else None
+    unknown = verdict == "unexplained" and not dataset.averaged and not (provisional and provisional.contested)
+    mystery = unexplained(table, depends, floor) if unknown else None
     return Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single, smallest(scores, LEVEL),
                      varied(table), mystery, channels)
 
@@ -230,7 +233,7 @@ def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
 
 def _give_way(findings, chosen, reason):
     """Refuse what was chosen, and forget what were alternatives of it."""
-    chosen.accepted, chosen.provisional, chosen.refused = False, False, reason
+    chosen.accepted, chosen.provisional, chosen.contested, chosen.refused = False, False, False, reason
     for finding in findings:
         finding.twins = []
 
@@ -469,6 +472,7 @@ def nudged(start, model, finding):
 def _decide(findings, rivals, base, refines, steady):
     """Order the refitted candidates, accept the first that earns it, and name what these data cannot tell it from.
 
+    One of more than a few that do as well is not accepted: it would be a name drawn by lot.
     ``steady(finding)`` says whether a finding's coefficient is the same all over the data. Returns it, or None.
     """
     parameters = {f.key: len(f.fit.free) for f in rivals}
@@ -488,7 +492,8 @@ def _decide(findings, rivals, base, refines, steady):
     if not constant and _ahead_in_plain(largest, best):  # what is slow is missing too, and may need no other
         other = _considered(rivals, earned, largest, base, refines, steady)
         best, twins, constant = other if other[2] else (best, twins, constant)
-    best.accepted = constant
+    best.contested = len(twins) > CONTESTED
+    best.accepted = constant and not best.contested
     best.provisional = not best.accepted
     findings.remove(best)
     findings.insert(0, best)

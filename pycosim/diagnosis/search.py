@@ -11,7 +11,7 @@ from ..fit import least_squares
 from . import compare, pairs
 from .constancy import allowed, constancy
 from .crossval import difference, select
-from .decide import SEPARATE, Finding, alike, diagnose, nudged
+from .decide import CONTESTED, SEPARATE, TRIAL, Finding, alike, diagnose, nudged
 from .dependence import dependence
 from .remainder import LEFT, beyond, remaining, rises
 
@@ -299,7 +299,8 @@ def _first(dataset, steps, seed, progress):
     """The diagnosis of the last step, and the path and diagnosis that the search goes on with."""
     found = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + len(steps) - 1, progress)
     ahead, last = _ahead(dataset, steps, found, seed, progress) if found.provisional else (None, None)
-    if ahead is None and found.verdict == "unexplained" and len(steps) + 1 <= TOGETHER:
+    named = last is not None and found.provisional.contested and last.verdict == "nothing_missing"
+    if ahead is None and found.verdict == "unexplained" and not named and len(steps) + 1 <= TOGETHER:
         ahead, last = _together(dataset, steps, seed, progress)
     if ahead is None:
         return found, steps, found
@@ -308,24 +309,53 @@ def _first(dataset, steps, seed, progress):
 
 
 def _ahead(dataset, steps, found, seed, progress):
-    """Go on with a provisional effect: the path on which all coefficients are constant and its diagnosis, or None.
+    """Go on with a provisional effect: the path on which all coefficients are constant, or None; its diagnosis.
 
-    An effect that brings the ones before no nearer to that is not what they lack.
+    An effect that brings the ones before no nearer to that is not what they lack. Rivals that were as good while
+    another was missing may be worse beside it; a path ends before the effect that too many do as well as.
     """
-    path, last, before = list(steps), found, float("inf")
+    path, told, before = list(steps), [found], float("inf")
     for _ in range(AHEAD):
-        chosen = last.winner or last.provisional
+        chosen = told[-1].winner or told[-1].provisional
         if chosen is None:
             break
         path.append(_added(dataset, path, chosen, progress))
-        last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress)
-        short = _shortfall(dataset, path, last.noise, len(steps), seed)
+        told.append(diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress))
+        if chosen.contested and len(told) == 2:  # its rivals fall beside another, if at all
+            continue
+        short = _shortfall(dataset, path, told[-1].noise, len(steps), seed)
         if short <= 1.0:
-            return path, last
+            _tell_apart(dataset, path, told[-1].noise, progress)
+            held = [s.finding.contested for s in path[len(steps):]]
+            end = held.index(True) if True in held else len(held)
+            return (path[:len(steps) + end] if end else None), told[end]
         if short >= before:
             break
         before = short
-    return None, None
+    return None, told[-1]
+
+
+def _tell_apart(dataset, steps, noise, progress):
+    """Tell the alternatives of those steps that have too many for a name anew, beside the others."""
+    base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
+    for step in [s for s in steps[1:] if s.finding.contested]:
+        rest = [*base.keys, *(s.added for s in steps[1:] if s is not step)]
+        without = compile_model(dataset.library, base.rig, rest)
+        here, full = fulls.beside(without)
+        lacking = least_squares.fit(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
+        alone, twins = select(here, without, lacking, noise, full.usual), []
+        for twin in (t for t in step.finding.twins if (t["effect"], t["place"]) not in rest):
+            if progress:
+                progress(f"refitting with {twin['effect']} at {twin['place']} beside what was found")
+            try:
+                larger = compile_model(dataset.library, base.rig, [*rest, (twin["effect"], twin["place"])])
+                fitted = least_squares.fit(here, larger, nudged({**lacking.parameters}, larger, None), most=TRIAL,
+                                           noise=noise)
+            except PycosimError:  # beside the others it leaves no motion, or no answer in closed form
+                continue
+            if alike(alone, select(here, larger, fitted, noise, full.usual), full):
+                twins.append(twin)
+        step.finding = replace(step.finding, twins=twins, contested=len(twins) > CONTESTED)
 
 
 def _shortfall(dataset, steps, noise, known, seed):
@@ -408,7 +438,8 @@ def _grow(dataset, steps, last, seed, progress):
 def _revised(dataset, steps, noise, seed, progress):
     """The ladder with an effect chosen again beside the others, where that predicts unseen folds better; or None.
 
-    The last effect was chosen with all others in the model.
+    One that stays has the alternatives that are left beside the others. The last effect was chosen with all others in
+    the model.
     """
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     for out in steps[1:-1]:
@@ -417,7 +448,12 @@ def _revised(dataset, steps, noise, seed, progress):
         model = compile_model(dataset.library, base.rig, keys)
         fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
         found = diagnose(dataset, model, fit, seed, progress).winner
-        if found is None or out.added in [found.key, *((t["effect"], t["place"]) for t in found.twins)]:
+        if found is None:
+            continue
+        alternatives = [found.key, *((t["effect"], t["place"]) for t in found.twins)]
+        if out.added in alternatives:  # its own were told where the others were missing
+            alternatives.remove(out.added)
+            out.finding = replace(out.finding, twins=[{"effect": e, "place": p} for e, p in alternatives])
             continue
         larger = compile_model(dataset.library, base.rig, [*keys, found.key])
         here, full = fulls.beside(model)
@@ -481,7 +517,8 @@ def _together(dataset, steps, seed, progress):
     while True:
         last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress)
         if _shortfall(dataset, path, last.noise, len(steps), seed) <= 1.0:
-            return path, last
+            _tell_apart(dataset, path, last.noise, progress)
+            return (None if any(s.finding.contested for s in path[1:]) else path), last
         chosen = last.winner or last.provisional
         if chosen is None or len(path) - len(steps) >= AHEAD:
             return None, None

@@ -460,6 +460,9 @@ def _repeats(own):
 def _unexplained(result, final):
     depends = [f"{d['variable']} ({number(d['strength'])})" for d in result["residual_depends_on"][:3]
                if d["strength"] > 0]
+    contested = contested_text(result, final)
+    if contested:
+        return [*contested, *certainty_of_unknown(result), _at_floor(result)]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
     line += f"; what is left depends most on {joined(depends)}." if depends else "."
     slow = [c for c, own in result["channels"].items() if own.get("slow") and not _repeats(own)]
@@ -476,6 +479,48 @@ def _unexplained(result, final):
     if mystery and mystery.get("free"):
         line += f" {mystery['free']['text']}"
     return [line, *certainty_of_unknown(result), _at_floor(result)]
+
+
+def contested_of(result):
+    """The candidate that is not added because more than a few others do as well.
+
+    Parameters
+    ----------
+    result : dict
+        ``diagnosis.json``.
+
+    Returns
+    -------
+    dict or None
+    """
+    return next((c for c in result["candidates"] if c.get("contested")), None)
+
+
+def contested_text(result, final=False):
+    """Which effects do equally well where they are too many for a name, and what to do.
+
+    Parameters
+    ----------
+    result : dict
+        ``diagnosis.json``.
+    final : bool
+        Of an improved model.
+
+    Returns
+    -------
+    list of str
+        Empty where they are few.
+    """
+    best = contested_of(result)
+    if best is None:
+        return []
+    names = _names([best, *best["twins"]])
+    lines = [f"Something {'else ' if final else ''}is missing, and {len(names)} effects of the library explain it "
+             f"equally well, too many to name one: {joined(names)}.",
+             f"Error with the first of them, predicted: "
+             f"{change_text(result['error'], best['predicted_error'], result['units'])}. Where you know which, or "
+             f"any will do, 'pycosim add STUDY {best['effect']}@{best['place']}' adds it."]
+    return lines + ([f"To tell them apart, {best['experiment']}."] if best["experiment"] else [])
 
 
 def certainty_of_unknown(result):
@@ -498,8 +543,9 @@ def certainty_of_unknown(result):
     if not follows and result["residual_depends_on"] and not any(own.get("slow") for own in blamed.values()):
         follows = "all channels together", result["residual_depends_on"][0]["variable"]
     if p < LEVEL:
+        open_end = "which of them it is stays open" if contested_of(result) else "that it is one of these is refused"
         lines = [f"{cards.certainty(p)}, among all {len(tested)} effects and places tested. So sure it is that "
-                 "something is missing; that it is one of these is refused."]
+                 f"something is missing; {open_end}."]
     elif follows:
         lines = [f"Very likely: what is left of {follows[0]} depends on {worded(follows[1])} also in parts of the log "
                  f"that this was not fitted to, by more than {ALARM:g} standard errors or more than chance does in one "

@@ -27,6 +27,7 @@ _EVIDENCE = {
                     "standard errors by which a varying coefficient must predict unseen data better"),
 }
 _REST = {
+    "contested": ("diagnosis.decide.CONTESTED", "alternatives, of which more leave no name"),
     "depends": ("diagnosis.dependence.ALARM",
                 "standard errors by which a dependence must lower the error on unseen blocks"),
     "above_floor": ("diagnosis.decide.SLOW",

@@ -87,6 +87,9 @@ class Verdict:
                 return f"The model lacks {first} or {other if len(alike) == 1 else f'one of {len(alike)} alternatives'}"
             second = f" and {_named(*self.added[1].added)}" if more == 1 else ""
             return f"The model lacks {first}{second or (f' and {more} more effects' if more else '')}"
+        contested = sentences.contested_of(self.first)
+        if contested:
+            return f"Something is missing, and {len(contested['twins']) + 1} effects explain it equally well"
         return {"nothing_missing": "Nothing is missing that these data could show",
                 "unexplained": "Something is missing that no effect of the library explains",
                 "not_enough_excitation": "These data move too little, or too much alike, to tell",
@@ -116,7 +119,10 @@ class Verdict:
         return lines
 
     def _unknown(self, told):
-        """What a residual that no effect explains depends on, and a guess of its shape."""
+        """What a residual that no effect explains depends on, and a guess of its shape; or which explain it alike."""
+        if contested := sentences.contested_of(told):
+            names = sentences.joined([_named(c["effect"], c["place"]) for c in [contested, *contested["twins"]]])
+            return [f"Any of these: {names}."]
         depends = [f"{sentences.worded(d['variable'])} ({100 * d['strength']:.0f} % of its energy)"
                    for d in told["residual_depends_on"] if d["strength"] > 0][:2]
         lines = [f"What is left depends most on {sentences.joined(depends)}."] if depends else []
@@ -214,7 +220,9 @@ class Verdict:
         verdict, lines = self.last["verdict"], []
         if self.added:
             lines = {"nothing_missing": ["Nothing else is missing that these data could show."],
-                     "unexplained": ["Something else is missing that no effect of the library explains.",
+                     "unexplained": ["Something else is missing that no effect of the library explains."
+                                     if sentences.contested_of(self.last) is None else
+                                     "Something else is missing, and several effects explain it equally well.",
                                      *self._unknown(self.last), *sentences.certainty_of_unknown(self.last)],
                      "not_enough_excitation": ["What else may be missing these data move too little to tell."],
                      "missing_effect": ["More is missing than this search was allowed to add."]}[verdict]
@@ -240,7 +248,10 @@ class Verdict:
             if text:
                 names = sentences.joined([_named(t["effect"], t["place"]) for t in twins])
                 found.append(f"{_capital(text)}: that tells {_named(*step.added)} from {names}.")
-        if self.last["verdict"] == "unexplained":
+        contested = sentences.contested_of(self.last)
+        if contested and contested["experiment"]:
+            found.append(f"{_capital(contested['experiment'])}: that tells apart what explains the rest equally well.")
+        if self.last["verdict"] == "unexplained" and not contested:
             depends = next((d["variable"] for d in self.last["residual_depends_on"] if d["strength"] > 0), None)
             if depends:
                 found.append(f"Repeat the same passes at several values of {sentences.worded(depends)}, all else "
