@@ -315,7 +315,7 @@ class Page:
             for line in sentences.summary_diagnosis({**told, "undetectable": []}, len(bench.steps) > 1):
                 ui.label(line)
             self._guess()
-            best = [f for f in bench.found.candidates if f.accepted][:1]
+            best = [f for f in bench.found.candidates if f.accepted or f.contested][:1]
             alike = [(t["effect"], t["place"]) for f in best for t in f.twins]
             self.drive_train(bench.step.model, **schematic.marked(bench.step.model, [f.key for f in best], alike))
             for k, (candidate, finding) in enumerate(zip(told["candidates"][:CARDS], bench.found.candidates)):

@@ -217,7 +217,7 @@ def twins_of(k, pairs=None, progress=None):
                         "--goal parameters")
     found = diagnose(k.dataset, k.model, k.fit, k.study.seed, progress)
     if pairs is None:
-        best = found.winner
+        best = found.winner or found.contested
         pairs = [(best.key, (t["effect"], t["place"])) for t in best.twins] if best else []
     if not pairs:
         raise PlanError(f"{k.study.path}: the diagnosis of these data leaves no alternatives to separate; use "

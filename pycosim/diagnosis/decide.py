@@ -8,6 +8,7 @@ nothing, and whose coefficient is the same all over the data.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -37,7 +38,7 @@ SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart
 PLAIN = 0.05  # of the plain squared error, by which it must be lower to decide: something else that is missing moves it
 REFITS = 10
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
-CONTESTED = 3  # alternatives, of which more leave no name: what is missing is then known up to a class of effects
+CONTESTED = 3  # alternatives beyond which none is a name, unless they are so many effects at several places
 
 
 @dataclass
@@ -97,6 +98,8 @@ class Diagnosis:
         Where a residual that no effect explains lives; see `unexplained.unexplained`.
     channels : dict of str to dict
         What each channel says for itself: ``verdict``, ``error``, ``floor``, ``resolution``, ``slow``, ``depends_on``.
+    later : callable or None
+        What finds `unexplained`, until `finish` calls it.
     """
 
     verdict: str
@@ -110,6 +113,19 @@ class Diagnosis:
     excitation: list = field(default_factory=list)
     unexplained: dict | None = None
     channels: dict = field(default_factory=dict)
+    later: object = field(default=None, repr=False, compare=False)
+
+    def finish(self):
+        """Find where a residual that no effect explains lives, where a search has put that off.
+
+        Returns
+        -------
+        Diagnosis
+            Itself.
+        """
+        if self.later is not None:
+            self.unexplained, self.later = self.later(), None
+        return self
 
     @property
     def provisional(self):
@@ -129,7 +145,12 @@ class Diagnosis:
         known = next(c for c in self.candidates if c.key == finding.key)
         finding.accepted, finding.provisional, finding.predicted_error = True, False, known.predicted_error
         self.candidates = [finding, *(c for c in self.candidates if c is not known)]
-        self.verdict, self.unexplained = "missing_effect", None
+        self.verdict, self.unexplained, self.later = "missing_effect", None, None
+
+    @property
+    def contested(self):
+        """The finding that would be added, did not too many others do as well; or None."""
+        return next((c for c in self.candidates if c.contested), None)
 
     @property
     def winner(self):
@@ -137,7 +158,7 @@ class Diagnosis:
         return next((c for c in self.candidates if c.accepted), None)
 
 
-def diagnose(dataset, model, fit, seed=0, progress=None):
+def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     """Find the effect that a fitted model lacks.
 
     Parameters
@@ -152,6 +173,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
         Of all draws, so that an answer can be had again.
     progress : callable, optional
         Called with a sentence before each stage.
+    finished : bool
+        Of a search that may find the effect beside another, only `Diagnosis.finish` says where it lives.
 
     Returns
     -------
@@ -189,10 +212,10 @@ def diagnose(dataset, model, fit, seed=0, progress=None):
     winner, provisional = (chosen if chosen and chosen.accepted else None), (
         chosen if chosen and chosen.provisional else None)
     channels = _channels(fit.error, floor, told, base, winner, dataset.steps, provisional, slow)
-    unknown = verdict == "unexplained" and not dataset.averaged and not (provisional and provisional.contested)
-    mystery = unexplained(table, depends, floor) if unknown else None
-    return Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single, smallest(scores, LEVEL),
-                     varied(table), mystery, channels)
+    unknown = verdict == "unexplained" and not dataset.averaged and not any(f.contested for f in findings)
+    found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single, smallest(scores, LEVEL),
+                      varied(table), None, channels, partial(unexplained, table, depends, floor) if unknown else None)
+    return found.finish() if finished else found
 
 
 def _errors(dataset, model, fit):
@@ -492,15 +515,32 @@ def _decide(findings, rivals, base, refines, steady):
     if not constant and _ahead_in_plain(largest, best):  # what is slow is missing too, and may need no other
         other = _considered(rivals, earned, largest, base, refines, steady)
         best, twins, constant = other if other[2] else (best, twins, constant)
-    best.contested = len(twins) > CONTESTED
-    best.accepted = constant and not best.contested
-    best.provisional = not best.accepted
     findings.remove(best)
     findings.insert(0, best)
     for other in by_kind(twins):
         best.twins.append({"effect": other.effect, "place": other.place})
         other.twins.append({"effect": best.effect, "place": best.place})
+    best.contested = too_many(best)
+    best.accepted = constant and not best.contested
+    best.provisional = not best.accepted
     return best
+
+
+def too_many(finding):
+    """Whether so many others do as well as a finding that none of them is a name.
+
+    Few effects at many places are no such case: one that acts at one stage or at another is known.
+
+    Parameters
+    ----------
+    finding : Finding
+        With its alternatives.
+
+    Returns
+    -------
+    bool
+    """
+    return min(len(finding.twins), len({finding.effect, *(t["effect"] for t in finding.twins)})) > CONTESTED
 
 
 def _considered(rivals, earned, best, base, refines, steady):

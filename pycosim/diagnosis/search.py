@@ -11,7 +11,7 @@ from ..fit import least_squares
 from . import compare, pairs
 from .constancy import allowed, constancy
 from .crossval import difference, select
-from .decide import CONTESTED, SEPARATE, TRIAL, Finding, alike, diagnose, nudged
+from .decide import SEPARATE, TRIAL, Finding, alike, diagnose, nudged, too_many
 from .dependence import dependence
 from .remainder import LEFT, beyond, remaining, rises
 
@@ -256,20 +256,21 @@ def improve(dataset, model=None, seed=0, progress=None):
     first, steps, last = _first(dataset, steps, seed, progress)
     for again in range(MOST):
         steps, last = _grow(dataset, steps, last, seed, progress)
-        revised = (_revised(dataset, steps, last.noise, seed, progress)
-                   or _exchanged(dataset, steps, last, seed, progress))
+        revised = _revised(dataset, steps, last.noise, seed, progress)
+        if revised is None and last.verdict == "unexplained":
+            revised = _exchanged(dataset, steps, last, seed, progress)
         if revised is None:
             break
         steps = revised
-        last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 50 + again, progress)
+        last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 50 + again, progress, False)
     pruned = _prune(dataset, steps, last.noise)
     if len(pruned) < len(steps):
         steps = pruned
-        last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 99, progress)
+        last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 99, progress, False)
     if last.verdict == "unexplained":
         end = steps[-1]
         steps = [*steps[:-1], replace(end, fit=least_squares.widened(dataset, end.model, end.fit))]
-    return Improvement(first, last, steps)
+    return Improvement(first.finish(), last.finish(), steps)
 
 
 def diagnosed(dataset, model, fit, seed=0, progress=None):
@@ -292,14 +293,14 @@ def diagnosed(dataset, model, fit, seed=0, progress=None):
     -------
     Diagnosis
     """
-    return _first(dataset, [step_of(dataset, model, fit)], seed, progress)[0]
+    return _first(dataset, [step_of(dataset, model, fit)], seed, progress)[0].finish()
 
 
 def _first(dataset, steps, seed, progress):
     """The diagnosis of the last step, and the path and diagnosis that the search goes on with."""
-    found = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + len(steps) - 1, progress)
+    found = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + len(steps) - 1, progress, False)
     ahead, last = _ahead(dataset, steps, found, seed, progress) if found.provisional else (None, None)
-    named = last is not None and found.provisional.contested and last.verdict == "nothing_missing"
+    named = last is not None and found.contested and last.verdict == "nothing_missing"
     if ahead is None and found.verdict == "unexplained" and not named and len(steps) + 1 <= TOGETHER:
         ahead, last = _together(dataset, steps, seed, progress)
     if ahead is None:
@@ -320,7 +321,7 @@ def _ahead(dataset, steps, found, seed, progress):
         if chosen is None:
             break
         path.append(_added(dataset, path, chosen, progress))
-        told.append(diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress))
+        told.append(diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False))
         if chosen.contested and len(told) == 2:  # its rivals fall beside another, if at all
             continue
         short = _shortfall(dataset, path, told[-1].noise, len(steps), seed)
@@ -336,7 +337,7 @@ def _ahead(dataset, steps, found, seed, progress):
 
 
 def _tell_apart(dataset, steps, noise, progress):
-    """Tell the alternatives of those steps that have too many for a name anew, beside the others."""
+    """Tell the alternatives of those steps that had too many for a name anew, beside the others."""
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     for step in [s for s in steps[1:] if s.finding.contested]:
         rest = [*base.keys, *(s.added for s in steps[1:] if s is not step)]
@@ -355,7 +356,8 @@ def _tell_apart(dataset, steps, noise, progress):
                 continue
             if alike(alone, select(here, larger, fitted, noise, full.usual), full):
                 twins.append(twin)
-        step.finding = replace(step.finding, twins=twins, contested=len(twins) > CONTESTED)
+        step.finding = replace(step.finding, twins=twins)
+        step.finding.contested = too_many(step.finding)
 
 
 def _shortfall(dataset, steps, noise, known, seed):
@@ -447,7 +449,7 @@ def _revised(dataset, steps, noise, seed, progress):
         keys = [*base.keys, *(s.added for s in rest)]
         model = compile_model(dataset.library, base.rig, keys)
         fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
-        found = diagnose(dataset, model, fit, seed, progress).winner
+        found = diagnose(dataset, model, fit, seed, progress, False).winner
         if found is None:
             continue
         alternatives = [found.key, *((t["effect"], t["place"]) for t in found.twins)]
@@ -470,7 +472,7 @@ def _exchanged(dataset, steps, last, seed, progress):
     Chosen one after the other, the first of two may stand in for both. The scores of a model that lacks what is
     exchanged say which two take most of it together. Those are fitted, and unseen folds decide as they do for one; of
     what they cannot tell apart, the one with fewer coefficients is said. Where nothing is exchanged, what could be in
-    the place of one of the two is told as its alternative: its own were found where the other was missing.
+    the place of one of the two together with another of the other is told as its alternative.
     """
     added, fulls, best = steps[1:], _Selections(dataset, steps[-1], last.noise), (0.0, None, None)
     for out in itertools.combinations(added, 2) if len(added) <= TOGETHER else ():
@@ -515,7 +517,7 @@ def _together(dataset, steps, seed, progress):
         return None, None
     path = _joined(dataset, steps[0], steps[1:], pair)
     while True:
-        last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress)
+        last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
         if _shortfall(dataset, path, last.noise, len(steps), seed) <= 1.0:
             _tell_apart(dataset, path, last.noise, progress)
             return (None if any(s.finding.contested for s in path[1:]) else path), last

@@ -49,6 +49,11 @@ class Candidate(Shown):
         return bool(self.record["accepted"])
 
     @property
+    def contested(self) -> bool:
+        """Whether it would be added, did not more than three others do as well."""
+        return bool(self.record.get("contested"))
+
+    @property
     def p_value(self) -> float:
         """Probability that chance alone makes any candidate look as good as this one (family-wise)."""
         return float(self.record["p_value"])

@@ -96,8 +96,10 @@ def _fate(diagnosis, finding):
     """What became of a candidate, in a few words."""
     if finding.accepted:
         return "accepted"
+    if finding.contested:
+        return "one of several that do equally well"
     for other in diagnosis.candidates:
-        if other.accepted and any((t["effect"], t["place"]) == finding.key for t in other.twins):
+        if (other.accepted or other.contested) and any((t["effect"], t["place"]) == finding.key for t in other.twins):
             return f"not to be told from {_spaced(other.effect)} at {other.place}"
     if finding.explained_by:
         return f"explained by {_spaced(finding.explained_by['effect'])} at {finding.explained_by['place']}"

@@ -200,7 +200,8 @@ class Page:
     def _rivals(self, shown):
         """Candidates worth a card although they were not added: all alternatives, and each effect at its best place."""
         left = [c for c in self.first["candidates"] if (c["effect"], c["place"]) not in shown and c["p_value"] < 0.05]
-        alike = [c for c in left if c["twins"] and (self.first["candidates"][0]["accepted"])]
+        best = self.first["candidates"][0]
+        alike = [c for c in left if c["twins"] and (best["accepted"] or best.get("contested"))]
         effects = {effect for effect, _ in shown}
         rest = []
         for c in left:  # best first
@@ -215,8 +216,10 @@ class Page:
         step = next((k for k, s in enumerate(self.found.steps) if s.added == key), None)
         if step is not None:
             return f"added, step {step}"
-        for other in self.first["candidates"]:
-            if other["accepted"] and any((t["effect"], t["place"]) == key for t in other["twins"]):
+        if told.get("contested"):
+            return "one of several that do equally well"
+        for other in [c for c in self.first["candidates"] if c["accepted"] or c.get("contested")]:
+            if any((t["effect"], t["place"]) == key for t in other["twins"]):
                 return f"not to be told from {_spaced(other['effect'])} at {other['place']}"
         if told.get("explained_by"):
             return f"explained by {_spaced(told['explained_by']['effect'])} at {told['explained_by']['place']}"

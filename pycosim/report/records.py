@@ -128,8 +128,8 @@ def diagnosis(found, dataset):
         effect beside which a candidate's evidence vanishes; ``refused``, why a refitted candidate is no finding;
         ``varies_with``, what the coefficient of one that stands in for another law differs over, and
         ``outweighed_by``, what explains much of what it leaves; ``contested``, one that is not added because
-        more than a few do as well; ``channels``, what each channel says for itself; the cards of `cards`, what the log
-        varies, and where an unexplained residual lives.
+        more than three others do as well; ``channels``, what each channel says for itself; the cards of `cards`, what
+        the log varies, and where an unexplained residual lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
                   "units": dataset.units,
@@ -167,7 +167,7 @@ def _candidate(c, library, error):
             "explained_by": c.explained_by, "refused": c.refused,
             "varies_with": c.varies_with if c.provisional else None,
             "outweighed_by": c.outweighed_by if c.provisional else None,
-            "contested": c.contested and c.provisional}
+            "contested": c.contested}
     return {**told, "experiment": cards.experiment(library, c), "variable": cards.variable(library, c),
             "sentence": cards.sentence(library, c, error)}
 

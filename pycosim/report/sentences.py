@@ -482,7 +482,7 @@ def _unexplained(result, final):
 
 
 def contested_of(result):
-    """The candidate that is not added because more than a few others do as well.
+    """The candidate that is not added because several other effects do as well.
 
     Parameters
     ----------
@@ -514,9 +514,9 @@ def contested_text(result, final=False):
     best = contested_of(result)
     if best is None:
         return []
-    names = _names([best, *best["twins"]])
-    lines = [f"Something {'else ' if final else ''}is missing, and {len(names)} effects of the library explain it "
-             f"equally well, too many to name one: {joined(names)}.",
+    some = [best, *best["twins"]]
+    lines = [f"Something {'else ' if final else ''}is missing, and {len({c['effect'] for c in some})} effects of the "
+             f"library explain it equally well, too many to name one: {joined(_names(some))}.",
              f"Error with the first of them, predicted: "
              f"{change_text(result['error'], best['predicted_error'], result['units'])}. Where you know which, or "
              f"any will do, 'pycosim add STUDY {best['effect']}@{best['place']}' adds it."]

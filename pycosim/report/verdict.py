@@ -89,7 +89,8 @@ class Verdict:
             return f"The model lacks {first}{second or (f' and {more} more effects' if more else '')}"
         contested = sentences.contested_of(self.first)
         if contested:
-            return f"Something is missing, and {len(contested['twins']) + 1} effects explain it equally well"
+            kinds = {c["effect"] for c in [contested, *contested["twins"]]}
+            return f"Something is missing, and {len(kinds)} effects explain it equally well"
         return {"nothing_missing": "Nothing is missing that these data could show",
                 "unexplained": "Something is missing that no effect of the library explains",
                 "not_enough_excitation": "These data move too little, or too much alike, to tell",

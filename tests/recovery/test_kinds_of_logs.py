@@ -12,6 +12,8 @@ from benchmarks.real_logs.run import scenario
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis import search
+from pycosim.diagnosis.decide import CONTESTED
+from pycosim.report import records, sentences
 from pycosim.study.parse import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
@@ -160,3 +162,29 @@ def test_a_change_of_a_loss_that_is_small_beside_the_inertia_is_found(case, tmp_
 def test_an_effect_that_one_part_of_the_log_alone_tells_is_not_behind_one_that_stands_in_for_it(tmp_path):
     first, _, found, shown = hidden("geared_digital:torque_constant:1.7:1867", tmp_path)
     assert first == "missing_effect" and found[0] == ("torque_constant", "motor"), shown
+
+
+@pytest.mark.parametrize("case", ["outside:wear:1.7:5100", "outside_gait:wear:1.3:5101"])
+def test_a_loss_that_grows_in_time_is_no_warm_up(case, tmp_path):
+    first, last, found, shown = hidden(case, tmp_path)
+    assert (first, last, found) == ("unexplained", "unexplained", []), shown
+
+
+def test_one_of_many_that_do_equally_well_is_no_name(tmp_path):
+    """Spikes hide what tells an asymmetry at 2B from nine others, an offset of the reference first among them."""
+    data = Dataset(load_study(make("outliers_1:direction_asymmetry:1.3:2601", tmp_path, quick=True)), Library())
+    result = search.improve(data)
+    assert (result.first.verdict, len(result.steps)) == ("unexplained", 1), summary(result)
+    best = result.first.contested
+    alike = {best.key, *((t["effect"], t["place"]) for t in best.twins)}
+    assert len({e for e, _ in alike}) > CONTESTED and ("direction_asymmetry", "2B") in alike and not best.accepted
+    told = sentences.summary_diagnosis(records.diagnosis(result.first, data))
+    assert "equally well" in told[0] and all(f"{e} at {p}" in told[0] for e, p in alike)
+    assert f"pycosim add STUDY {'@'.join(best.key)}" in told[1] and result.first.unexplained is None
+
+
+def test_what_many_do_equally_well_hides_nothing_beside_it(tmp_path):
+    """An error of the reference's zero is one of six here; the drift beside it is found."""
+    first, last, found, shown = hidden("reference_zero:thermal_drift:2.4:2600", tmp_path)
+    assert (first, last) == ("missing_effect", "unexplained") and found in (
+        [("thermal_drift", "1B")], [("thermal_drift", "1B+2B")]), shown
