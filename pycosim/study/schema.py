@@ -422,18 +422,18 @@ def check_parameter(study, name, setting, known):
     parameter = known[name]
     wanted = setting.applied(parameter)
     value, low, high = wanted.value, wanted.min, wanted.max
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
     if low > high:
-        raise BoundsError(f"{study.path}: '{name}' is bounded by {low:g} and {high:g} {parameter.unit}, one of them "
+        raise BoundsError(f"{study.path}: '{name}' is bounded by {low:g} and {high:g}{unit}, one of them "
                           "the rig's, and nothing lies between; give both min and max")
     if setting.value is not None and not low <= value <= high:
-        raise BoundsError(f"{study.path}: value {value:g} {parameter.unit} of '{name}' is outside the bounds of "
-                          f"the rig, {low:g} to {high:g} {parameter.unit}; for a larger machine give a min and max of "
-                          "its own")
+        raise BoundsError(f"{study.path}: value {value:g}{unit} of '{name}' is outside the bounds of "
+                          f"the rig, {low:g} to {high:g}{unit}; for a larger machine give a min and max of its own")
     if not low <= value <= high:
-        raise BoundsError(f"{study.path}: '{name}' has the rig's default {value:g} {parameter.unit}, outside the "
-                          f"study's bounds {low:g} to {high:g} {parameter.unit}; give a value within them")
+        raise BoundsError(f"{study.path}: '{name}' has the rig's default {value:g}{unit}, outside the "
+                          f"study's bounds {low:g} to {high:g}{unit}; give a value within them")
     if setting.fixed is False and low == high:
-        raise BoundsError(f"{study.path}: '{name}' is to be fitted, but its bounds leave {value:g} {parameter.unit} "
+        raise BoundsError(f"{study.path}: '{name}' is to be fitted, but its bounds leave {value:g}{unit} "
                           "alone; write fixed = true, or wider bounds")
 
 

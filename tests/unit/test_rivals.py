@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pycosim.diagnosis.crossval import _cross_validate, _predictive
+from pycosim.diagnosis.decide import CONTESTED, Finding, too_many
 from pycosim.fit.bounded import bounded
 
 FREE = np.full(2, np.inf)
@@ -38,6 +39,16 @@ def test_the_error_of_prediction_of_the_right_law_is_the_noise(alone):
     found = np.array([world(seed, alone)[0][1] for seed in range(40)])
     assert abs(found.mean() - 1000) < 4 * np.sqrt(2 * 1000 / 40)
 
+
+def test_so_many_effects_leave_no_name_but_many_places_of_a_few_do():
+    def with_twins(effects, places):
+        return Finding("viscous", "1A", twins=[{"effect": e, "place": p} for e in effects for p in places])
+
+    others = ["stribeck", "presliding", "cross_load", "payload"][:CONTESTED + 1]
+    assert not too_many(with_twins(others[:CONTESTED], ["1A"]))
+    assert too_many(with_twins(others, ["1A"]))
+    assert not too_many(with_twins(others[:CONTESTED - 1], ["1A", "1B", "2B"]))
+    assert too_many(with_twins(others[:CONTESTED], ["1A", "1B"]))
 
 
 def test_what_one_fold_alone_tells_leaves_no_rounding_in_the_others():
