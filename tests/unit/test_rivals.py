@@ -30,8 +30,14 @@ def world(seed, alone):
 
 def test_a_fold_that_alone_tells_a_coefficient_does_not_put_the_right_law_behind():
     right, lesser = np.swapaxes([world(seed, True) for seed in range(40)], 0, 1)
-    assert np.mean(right[:, 0] < lesser[:, 0]) < 0.9  # plain errors of prediction say as much of either
-    assert np.all(right[:, 1] < lesser[:, 1])
+    assert np.all(right < lesser)
+
+
+def test_the_plain_error_of_what_the_other_folds_do_not_tell_is_no_extrapolation():
+    """Where four folds hold a coefficient to 1e-4 of what the fifth does, their estimate of it is noise a hundred times
+    over; where all tell it alike, the fold's own weight changes nothing."""
+    alone, alike = (np.mean([world(seed, kind)[0][0] for seed in range(40)]) for kind in (True, False))
+    assert abs(alone - 1000) < 30 and abs(alike - 1002) < 30
 
 
 @pytest.mark.parametrize("alone", [True, False])
@@ -62,4 +68,4 @@ def test_what_one_fold_alone_tells_leaves_no_rounding_in_the_others():
     gram, fold = np.einsum("bin,bjn->bij", rows, rows)[None], np.arange(6) // 2
     known = _cross_validate(gram[:, :, 2:, 2:], fold, *(np.full(1, end) for end in (-np.inf, np.inf)))
     left_out = _cross_validate(gram, fold, *(np.full(3, end) for end in (-np.inf, np.inf)))
-    assert np.allclose(left_out[:, 1], known[:, 1]), "what the other folds know nothing of predicts nothing"
+    assert np.allclose(left_out[:, 1], known[:, 1], rtol=1e-3), "what the other folds know nothing of predicts nothing"
