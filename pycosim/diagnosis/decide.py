@@ -42,7 +42,10 @@ SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart
 PLAIN = 0.05  # of the plain squared error, by which it must be lower to decide: something else that is missing moves it
 REFITS = 10
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
-CONTESTED = 3  # alternatives beyond which none is a name, unless they are so many effects at several places
+CONTESTED, KINDS = 5, 3
+"""Alternatives beyond which none is a name, and effects, of which so many may be alternatives at any places. A constant
+torque has six names: offset of motor or reference, asymmetry with or without its growth at low speed, a far spring, a
+zero. Lists of more held the truth first by chance."""
 
 
 @dataclass
@@ -544,7 +547,7 @@ def too_many(finding):
     -------
     bool
     """
-    return min(len(finding.twins), len({finding.effect, *(t["effect"] for t in finding.twins)})) > CONTESTED
+    return len(finding.twins) > CONTESTED and len({finding.effect, *(t["effect"] for t in finding.twins)}) > KINDS
 
 
 def _considered(rivals, earned, best, base, refines, steady):

@@ -50,7 +50,7 @@ class Candidate(Shown):
 
     @property
     def contested(self) -> bool:
-        """Whether it would be added, did not more than three others do as well."""
+        """Whether it would be added, did not more than five others do as well."""
         return bool(self.record.get("contested"))
 
     @property

@@ -128,7 +128,7 @@ def diagnosis(found, dataset):
         effect beside which a candidate's evidence vanishes; ``refused``, why a refitted candidate is no finding;
         ``varies_with``, what the coefficient of one that stands in for another law differs over, and
         ``outweighed_by``, what explains much of what it leaves; ``contested``, one that is not added because
-        more than three others do as well; ``channels``, what each channel says for itself; the cards of `cards`, what
+        more than five others do as well; ``channels``, what each channel says for itself; the cards of `cards`, what
         the log varies, and where an unexplained residual lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,

@@ -27,8 +27,7 @@ _EVIDENCE = {
                     "standard errors by which a varying coefficient must predict unseen data better"),
 }
 _REST = {
-    "contested": ("diagnosis.decide.CONTESTED",
-                  "alternatives, among more than so many effects, beyond which none is a name"),
+    "contested": ("diagnosis.decide.CONTESTED", "alternatives beyond which none is a name"),
     "depends": ("diagnosis.dependence.ALARM",
                 "standard errors by which a dependence must lower the error on unseen blocks"),
     "above_floor": ("diagnosis.decide.SLOW",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pycosim.diagnosis.crossval import _cross_validate, _predictive
-from pycosim.diagnosis.decide import CONTESTED, Finding, too_many
+from pycosim.diagnosis.decide import CONTESTED, KINDS, Finding, too_many
 from pycosim.fit.bounded import bounded
 
 FREE = np.full(2, np.inf)
@@ -50,11 +50,11 @@ def test_so_many_effects_leave_no_name_but_many_places_of_a_few_do():
     def with_twins(effects, places):
         return Finding("viscous", "1A", twins=[{"effect": e, "place": p} for e in effects for p in places])
 
-    others = ["stribeck", "presliding", "cross_load", "payload"][:CONTESTED + 1]
+    others = ["stribeck", "presliding", "cross_load", "payload", "torque_offset", "low_pass"][:CONTESTED + 1]
     assert not too_many(with_twins(others[:CONTESTED], ["1A"]))
     assert too_many(with_twins(others, ["1A"]))
-    assert not too_many(with_twins(others[:CONTESTED - 1], ["1A", "1B", "2B"]))
-    assert too_many(with_twins(others[:CONTESTED], ["1A", "1B"]))
+    assert not too_many(with_twins(others[:KINDS - 1], ["1A", "1B", "2B"]))
+    assert too_many(with_twins(others[:KINDS], ["1A", "1B"]))
 
 
 def test_what_one_fold_alone_tells_leaves_no_rounding_in_the_others():
