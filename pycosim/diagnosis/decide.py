@@ -45,7 +45,7 @@ TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 CONTESTED, KINDS = 5, 3
 """Alternatives beyond which none is a name, and effects, of which so many may be alternatives at any places. A constant
 torque has six names: offset of motor or reference, asymmetry with or without its growth at low speed, a far spring, a
-zero. Lists of more held the truth first by chance."""
+zero."""
 
 
 @dataclass
@@ -147,10 +147,11 @@ class Diagnosis:
         finding : Finding
             The provisional one, or one of a pair that was fitted together.
         """
-        if self.provisional is not None:
-            self.provisional.provisional = False
+        for other in self.candidates:
+            other.provisional = other.contested = False
         known = next(c for c in self.candidates if c.key == finding.key)
-        finding.accepted, finding.provisional, finding.predicted_error = True, False, known.predicted_error
+        finding.accepted, finding.provisional, finding.contested = True, False, False
+        finding.predicted_error = known.predicted_error
         self.candidates = [finding, *(c for c in self.candidates if c is not known)]
         self.verdict, self.unexplained, self.later = "missing_effect", None, None
 
@@ -527,7 +528,7 @@ def _decide(findings, rivals, base, refines, steady):
     for other in by_kind(twins):
         best.twins.append({"effect": other.effect, "place": other.place})
         other.twins.append({"effect": best.effect, "place": best.place})
-    best.contested = too_many(best)
+    best.contested = constant and too_many(best)  # one that varies is none of them
     best.accepted = constant and not best.contested
     best.provisional = not best.accepted
     return best

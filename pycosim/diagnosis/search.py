@@ -258,7 +258,7 @@ def improve(dataset, model=None, seed=0, progress=None):
         steps, last = _grow(dataset, steps, last, seed, progress)
         revised = _revised(dataset, steps, last.noise, seed, progress)
         if revised is None and last.verdict == "unexplained":
-            revised = _exchanged(dataset, steps, last, seed, progress)
+            revised = _exchanged(dataset, steps, last.noise, seed, progress)
         if revised is None:
             break
         steps = revised
@@ -300,8 +300,8 @@ def _first(dataset, steps, seed, progress):
     """The diagnosis of the last step, and the path and diagnosis that the search goes on with."""
     found = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + len(steps) - 1, progress, False)
     ahead, last = _ahead(dataset, steps, found, seed, progress) if found.provisional else (None, None)
-    named = last is not None and found.contested and last.verdict == "nothing_missing"
-    if ahead is None and found.verdict == "unexplained" and not named and len(steps) + 1 <= TOGETHER:
+    alone = last is not None and found.contested and last.verdict == "nothing_missing"
+    if ahead is None and found.verdict == "unexplained" and not alone and len(steps) + 1 <= TOGETHER:
         ahead, last = _together(dataset, steps, seed, progress)
     if ahead is None:
         return found, steps, found
@@ -326,20 +326,21 @@ def _ahead(dataset, steps, found, seed, progress):
             continue
         short = _shortfall(dataset, path, told[-1].noise, len(steps), seed)
         if short <= 1.0:
-            _tell_apart(dataset, path, told[-1].noise, progress)
-            held = [s.finding.contested for s in path[len(steps):]]
-            end = held.index(True) if True in held else len(held)
-            return (path[:len(steps) + end] if end else None), told[end]
+            end = _named(dataset, path, told[-1].noise, len(steps), progress)
+            return (path[:end] if end > len(steps) else None), told[end - len(steps)]
         if short >= before:
             break
         before = short
     return None, told[-1]
 
 
-def _tell_apart(dataset, steps, noise, progress):
-    """Tell the alternatives of those steps that had too many for a name anew, beside the others."""
+def _named(dataset, steps, noise, known, progress):
+    """How many steps come before the first after the known ones that has too many alternatives for a name.
+
+    Those of steps that had too many are told anew, beside the others.
+    """
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
-    for step in [s for s in steps[1:] if s.finding.contested]:
+    for step in [s for s in steps[known:] if too_many(s.finding)]:
         rest = [*base.keys, *(s.added for s in steps[1:] if s is not step)]
         without = compile_model(dataset.library, base.rig, rest)
         here, full = fulls.beside(without)
@@ -350,14 +351,14 @@ def _tell_apart(dataset, steps, noise, progress):
                 progress(f"refitting with {twin['effect']} at {twin['place']} beside what was found")
             try:
                 larger = compile_model(dataset.library, base.rig, [*rest, (twin["effect"], twin["place"])])
-                fitted = least_squares.fit(here, larger, nudged({**lacking.parameters}, larger, None), most=TRIAL,
+                fitted = least_squares.fit(here, larger, nudged(dict(lacking.parameters), larger, None), most=TRIAL,
                                            noise=noise)
             except PycosimError:  # beside the others it leaves no motion, or no answer in closed form
                 continue
             if alike(alone, select(here, larger, fitted, noise, full.usual), full):
                 twins.append(twin)
         step.finding = replace(step.finding, twins=twins)
-        step.finding.contested = too_many(step.finding)
+    return next((k for k, s in enumerate(steps) if k >= known and too_many(s.finding)), len(steps))
 
 
 def _shortfall(dataset, steps, noise, known, seed):
@@ -466,7 +467,7 @@ def _revised(dataset, steps, noise, seed, progress):
     return None
 
 
-def _exchanged(dataset, steps, last, seed, progress):
+def _exchanged(dataset, steps, noise, seed, progress):
     """The ladder with two effects in the place of two; or None.
 
     Chosen one after the other, the first of two may stand in for both. The scores of a model that lacks what is
@@ -474,7 +475,7 @@ def _exchanged(dataset, steps, last, seed, progress):
     what they cannot tell apart, the one with fewer coefficients is said. Where nothing is exchanged, what could be in
     the place of one of the two together with another of the other is told as its alternative.
     """
-    added, fulls, best = steps[1:], _Selections(dataset, steps[-1], last.noise), (0.0, None, None)
+    added, fulls, best = steps[1:], _Selections(dataset, steps[-1], noise), (0.0, None, None)
     for out in itertools.combinations(added, 2) if len(added) <= TOGETHER else ():
         rest, near = [s for s in added if s not in out], []
         for pair in pairs.fitted(dataset, steps[0].model, [s.added for s in rest], steps[-1].fit, seed, progress):
@@ -488,13 +489,13 @@ def _exchanged(dataset, steps, last, seed, progress):
     if best[2] is None:
         return None
     path = _joined(dataset, steps[0], *best[1:])
-    return path if _shortfall(dataset, path, last.noise, 1, seed) <= 1.0 else None
+    return path if _shortfall(dataset, path, noise, 1, seed) <= 1.0 else None
 
 
 def _gained(fulls, pair):
     """By how much a model with a pair of effects is better on unseen folds than a step, and whether they cannot tell.
 
-    None where it is not clearly better, and has no fewer coefficients either.
+    Nothing where it is not clearly better, and has no fewer coefficients either.
     """
     here, full = fulls.beside(pair.without)
     other = select(here, pair.model, pair.fit, fulls.noise, full.usual)
@@ -519,8 +520,8 @@ def _together(dataset, steps, seed, progress):
     while True:
         last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
         if _shortfall(dataset, path, last.noise, len(steps), seed) <= 1.0:
-            _tell_apart(dataset, path, last.noise, progress)
-            return (None if any(s.finding.contested for s in path[1:]) else path), last
+            named = _named(dataset, path, last.noise, len(steps), progress) == len(path)
+            return (path if named else None), last
         chosen = last.winner or last.provisional
         if chosen is None or len(path) - len(steps) >= AHEAD:
             return None, None

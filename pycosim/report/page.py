@@ -200,8 +200,8 @@ class Page:
     def _rivals(self, shown):
         """Candidates worth a card although they were not added: all alternatives, and each effect at its best place."""
         left = [c for c in self.first["candidates"] if (c["effect"], c["place"]) not in shown and c["p_value"] < 0.05]
-        best = self.first["candidates"][0]
-        alike = [c for c in left if c["twins"] and (best["accepted"] or best.get("contested"))]
+        named = any(c["accepted"] or c.get("contested") for c in self.first["candidates"])
+        alike = [c for c in left if c["twins"] and named]
         effects = {effect for effect, _ in shown}
         rest = []
         for c in left:  # best first

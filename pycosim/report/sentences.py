@@ -458,11 +458,10 @@ def _repeats(own):
 
 
 def _unexplained(result, final):
+    if contested := _contested(result, final):
+        return [*contested, *certainty_of_unknown(result), _at_floor(result)]
     depends = [f"{d['variable']} ({number(d['strength'])})" for d in result["residual_depends_on"][:3]
                if d["strength"] > 0]
-    contested = contested_text(result, final)
-    if contested:
-        return [*contested, *certainty_of_unknown(result), _at_floor(result)]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
     line += f"; what is left depends most on {joined(depends)}." if depends else "."
     slow = [c for c, own in result["channels"].items() if own.get("slow") and not _repeats(own)]
@@ -496,21 +495,8 @@ def contested_of(result):
     return next((c for c in result["candidates"] if c.get("contested")), None)
 
 
-def contested_text(result, final=False):
-    """Which effects do equally well where they are too many for a name, and what to do.
-
-    Parameters
-    ----------
-    result : dict
-        ``diagnosis.json``.
-    final : bool
-        Of an improved model.
-
-    Returns
-    -------
-    list of str
-        Empty where they are few.
-    """
+def _contested(result, final):
+    """Which effects do equally well where they are too many for a name, and what to do; nothing where they are few."""
     best = contested_of(result)
     if best is None:
         return []

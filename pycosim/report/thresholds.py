@@ -28,6 +28,7 @@ _EVIDENCE = {
 }
 _REST = {
     "contested": ("diagnosis.decide.CONTESTED", "alternatives beyond which none is a name"),
+    "kinds": ("diagnosis.decide.KINDS", "effects that may be alternatives of one another at any number of places"),
     "depends": ("diagnosis.dependence.ALARM",
                 "standard errors by which a dependence must lower the error on unseen blocks"),
     "above_floor": ("diagnosis.decide.SLOW",

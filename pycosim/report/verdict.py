@@ -102,6 +102,8 @@ class Verdict:
         if not self.added and guess and guess.get("place"):
             return {"also": dict.fromkeys(schematic.components(self.dataset.base, guess["place"]), "a guess")}
         alike = [(t["effect"], t["place"]) for step in self.added for t in self._alternatives(step)]
+        if not self.added and (contested := sentences.contested_of(self.first)):
+            alike = [(c["effect"], c["place"]) for c in [contested, *contested["twins"]]]
         return schematic.marked(self.dataset.base, [step.added for step in self.added], alike)
 
     # ---- rows
@@ -251,7 +253,7 @@ class Verdict:
                 found.append(f"{_capital(text)}: that tells {_named(*step.added)} from {names}.")
         contested = sentences.contested_of(self.last)
         if contested and contested["experiment"]:
-            found.append(f"{_capital(contested['experiment'])}: that tells apart what explains the rest equally well.")
+            found.append(f"{_capital(contested['experiment'])}: that tells apart what does equally well.")
         if self.last["verdict"] == "unexplained" and not contested:
             depends = next((d["variable"] for d in self.last["residual_depends_on"] if d["strength"] > 0), None)
             if depends:

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -87,17 +86,14 @@ def test_what_two_take_together_is_what_both_together_take(scores):
 
 def test_two_that_stand_in_for_two_are_exchanged_together(dataset):
     steps = ladder(dataset, [("viscous", "1A+2A"), ("joint_spring", "hip")])
-    last = SimpleNamespace(verdict="unexplained", noise=steps[-1].fit.noise)
-    exchanged = _exchanged(dataset, steps, last, 0, None)
+    exchanged = _exchanged(dataset, steps, steps[-1].fit.noise, 0, None)
     assert {s.added for s in exchanged[1:]} == set(TRUE)
     assert all(s.finding.p_value < LEVEL and s.finding.coefficients for s in exchanged[1:])
 
 
 def test_two_that_nothing_speaks_against_stay(dataset):
     steps = ladder(dataset, TRUE)
-    for verdict in ("nothing_missing", "unexplained"):
-        last = SimpleNamespace(verdict=verdict, noise=steps[-1].fit.noise)
-        assert _exchanged(dataset, steps, last, 0, None) is None
+    assert _exchanged(dataset, steps, steps[-1].fit.noise, 0, None) is None
 
 
 def test_effects_that_hide_one_another_are_found_together(tmp_path):
