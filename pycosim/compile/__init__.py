@@ -1,13 +1,13 @@
 """Modelica class and effects in, CasADi functions with named, unit-carrying variables out."""
 
 from .arrays import ArrayFunction
+from .attach import extend
 from .effects import (
     Effect,
     Place,
     catalogue,
     component_called,
     component_name,
-    extend,
     find_effect,
     find_place,
     places,

@@ -1,4 +1,4 @@
-"""The effects of the library, the places of a rig, and the Modelica text that attaches one to the other.
+"""The effects of the library, and the places of a rig where they can hang.
 
 An effect is one Modelica file. What it is, where it can sit and what it needs is read from that file: the connectors it
 extends say at which components it can hang, its inputs are bound to the rig's variables of the same name, and its
@@ -544,62 +544,3 @@ def component_names(effect, place):
     """
     base = component_name(effect, place)
     return [base, *(f"{base}_at_{c.replace('.', '_')}" for c in place.components[1:])]
-
-
-def attachment(effect, place):
-    """Declarations and connections that hang an effect on a place.
-
-    Parameters
-    ----------
-    effect : Effect
-        Its connectors are connected to those of the place.
-    place : Place
-        Of the rig that the lines are for.
-
-    Returns
-    -------
-    declared, connected : list of str
-        Lines of Modelica.
-    """
-    base = component_name(effect, place)
-    declared, connected = [], []
-    for k, (name, component) in enumerate(zip(component_names(effect, place), place.components)):
-        bound = [f"{c} = {base}.{c}" for c in dict.fromkeys((*effect.size, *effect.scan, *effect.means))] if k else []
-        text = f"({', '.join(bound)})" if bound else ""
-        declared.append(f'  {effect.model} {name}{text} "{effect.description} at {place.name}";')
-        connected += [f"  connect({name}.{c}, {component}.{c});" for c in effect.ports]
-        connected += [f"  connect({name}.{PARTNER}, {place.partner(effect, component)}.{c});"
-                      for c, kind in effect.ports.items() if kind == effect.connectors.get(PARTNER)]
-        connected += [f"  {name}.{i} = {i};" for i in effect.inputs]  # as a modifier, pymoca would find the inner name
-    return declared, connected
-
-
-def extend(rig, attached, name="Improved", given=()):
-    """Modelica text of a rig with effects.
-
-    Parameters
-    ----------
-    rig : str
-        Modelica class.
-    attached : list of (Effect, Place)
-        In the order in which they are declared.
-    name : str
-        Name of the new class.
-    given : collection of str
-        Measured inputs that the rig has itself; the others are declared.
-
-    Returns
-    -------
-    str
-    """
-    wanted = {n: unit for effect, _ in attached for n, unit in effect.measured.items() if n not in given}
-    declared = [f'  input Real {n}(unit="{unit}") "Measured";' for n, unit in wanted.items()]
-    connected = []
-    for effect, place in attached:
-        d, c = attachment(effect, place)
-        declared += d
-        connected += c
-    lines = [f'model {name} "{rig} with the effects that the measurements asked for"', f"  extends {rig};", *declared]
-    if connected:
-        lines += ["equation", *connected]
-    return "\n".join([*lines, f"end {name};", ""])

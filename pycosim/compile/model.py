@@ -11,13 +11,13 @@ import casadi as ca
 from ..core import cache
 from ..core.errors import ModelicaError, StudyError, UnknownNameError, closest
 from ..core.units import Variable
+from .attach import Hung, attach, extend
 from .effects import (
     annotation,
     catalogue,
     component_name,
     component_names,
     components_of,
-    extend,
     find_place,
     is_connector,
     is_effect,
@@ -227,9 +227,11 @@ class Model:
         Effect and place names.
     probes : bool
         Hang a probe on every segment and motor, whose parameters are the additions an effect could make.
+    more : tuple of (sequence of str, sequence of str)
+        Declarations and equations of one's own, lines of Modelica.
     """
 
-    def __init__(self, library, rig, attached=(), probes=False):
+    def __init__(self, library, rig, attached=(), probes=False, more=((), ())):
         self.library, self.rig, self.probes = library, rig, probes
         library.find(rig)
         effects = catalogue(library)
@@ -240,9 +242,16 @@ class Model:
             self.attached.append((effects[effect], find_place(library, rig, effects[effect], place)))
         self.notes = annotation(library, rig)
         self._questions, self._carriers = {}, {}
-        self.text = extend(rig, self.attached, given=components_of(library, rig))
-        if probes:
-            self.text = _with_probes(self)
+        self.hung = tuple(self._probed()) if probes else ()
+        self._more = more
+        self.text = extend(rig, self.attached, given=components_of(library, rig), probes=self.hung, more=more)
+
+    def _probed(self):
+        """A probe at every port."""
+        for connector, port in ports(self.library).items():
+            for component in self.components(connector):
+                ends = (connector, f"{component}.{connector}"),
+                yield Hung(port.probe, self.probe(component, connector), "", ends)
 
     @property
     def keys(self):
@@ -252,7 +261,8 @@ class Model:
     @cached_property
     def flat(self):
         """The flattened model."""
-        flat = self.library.flatten("Improved", self.text)
+        flat = None if any(self._more) else attach(self.library, self.rig, self.attached, self.hung)
+        flat = flat or self.library.flatten("Improved", self.text)
         if self.linear:
             for kind in (flat.variables, flat.parameters):
                 kind.update({n: replace(v, unit=along_axis(v.unit)) for n, v in kind.items()})
@@ -472,9 +482,7 @@ class Model:
         -------
         Model
         """
-        more = Model(self.library, self.rig)
-        more.attached, more.text = self.attached, _with_lines(self.text, declared, equations)
-        return more
+        return Model(self.library, self.rig, self.keys, more=(tuple(declared), tuple(equations)))
 
     def _compile(self, wanted, known):
         for n in [*wanted, *known]:
@@ -580,25 +588,6 @@ class Model:
         """
         base = component_name(effect, place)
         return [f"{base}.{c}" for c in dict.fromkeys((*effect.size, *effect.scan))]
-
-
-def _with_probes(model):
-    """The model's text with a probe at every port."""
-    declared, connected = [], []
-    for connector, port in ports(model.library).items():
-        for component in model.components(connector):
-            name = model.probe(component, connector)
-            declared.append(f"  {port.probe} {name};")
-            connected.append(f"  connect({name}.{connector}, {component}.{connector});")
-    return _with_lines(model.text, declared, connected)
-
-
-def _with_lines(text, declared, equations):
-    """A model's text with more in it."""
-    head, _, tail = text.partition("equation\n")
-    if not tail:
-        head, tail = text.split("end Improved;")[0], "end Improved;\n"
-    return "\n".join([head.rstrip(), *declared, "equation", *equations, tail])
 
 
 def compile_model(library, rig, attached=(), probes=False):

@@ -280,14 +280,32 @@ class Library:
         with _no_collection():
             return self._flatten(name, text)
 
+    def flattened(self, name):
+        """The flat model of a class of the library, made once; whoever takes it changes nothing in it.
+
+        Parameters
+        ----------
+        name : str
+            Dotted.
+
+        Returns
+        -------
+        Flat
+
+        Raises
+        ------
+        ModelicaError, UnknownNameError
+            As of `flatten`.
+        """
+        return self.memo(("flat", name), lambda: self.flatten(name))
+
     def _flatten(self, name, text):
         if text is None:
             self.find(name)
         tree = self.with_text(text) if text else self.fresh_tree()
         try:
-            where = _merged(tree, name) or name
-            flat = pymoca.tree.flatten(tree, pymoca.ast.ComponentRef.from_string(where))
-            generator = Generator(flat, where, _merge_default_options(None))
+            flat = pymoca.tree.flatten(tree, pymoca.ast.ComponentRef.from_string(name))
+            generator = Generator(flat, name, _merge_default_options(None))
             GeneratorWalker().walk(generator, flat)
             model = generator.model
         except Exception as error:  # pymoca raises many types, bare Exception among them
@@ -300,53 +318,6 @@ class Library:
             if f" {short} " in text and f"end {short};" in text:
                 return path
         return "generated model"
-
-
-def _merged(tree, name):
-    """Put what a class adds to its base into the base itself, and return the base's name; the same model.
-
-    pymoca instantiates an unnamed base anew for each name that is looked up in it, which is a third of its work.
-
-    Parameters
-    ----------
-    tree : pymoca.ast.Tree
-        Its base is changed, where the class adds nothing but components and equations to one base, and every name in it
-        means the same there.
-    name : str
-        Of the class, at the top of the tree.
-
-    Returns
-    -------
-    str or None
-    """
-    own = tree.classes.get(name)
-    more = own and (own.classes, own.imports, own.initial_equations, own.statements, own.initial_statements)
-    if own is None or any(more) or len(own.extends) != 1:
-        return None
-    clause = own.extends[0]
-    around, base = [], tree
-    for part in str(clause.component).split("."):
-        around, base = [*around, base], base.classes.get(part)
-        if base is None:
-            return None
-    kinds = {str(s.type).split(".")[0] for s in own.symbols.values()}
-    others = any(n in c.classes for n in kinds for c in [*around[1:], base])  # that a name could mean in there
-    if others or getattr(clause.class_modification, "arguments", None) or own.symbols.keys() & base.symbols.keys():
-        return None
-    for symbol in own.symbols.values():
-        symbol.parent = base
-        _look_up_in(base, symbol.class_modification)
-    base.symbols = type(base.symbols)([*own.symbols.items(), *base.symbols.items()])
-    base.equations = [*base.equations, *own.equations]
-    return str(clause.component)
-
-
-def _look_up_in(scope, modification):
-    """Have the names in a modification looked up in another class."""
-    for argument in modification.arguments if isinstance(modification, pymoca.ast.ClassModification) else ():
-        argument.scope = scope
-        for inner in getattr(argument.value, "modifications", ()):
-            _look_up_in(scope, inner)
 
 
 def shared_library(extra=()):

@@ -91,16 +91,54 @@ def _wiring(library, rig):
     for name, (kind, _) in components_of(library, rig).items():
         if kind not in BUILTIN and not is_connector(library, kind):
             parts[name] = _part(library, name, kind, texts.get(name, ""))
-    pairs, signals = [], {}
+    pairs, signals = connections_of(library, rig), {}
     for _, node in reversed(list(library.bases(rig))):
         for equation in node.equations:
-            if isinstance(equation, pymoca.ast.ConnectClause):
-                pairs.append(tuple(tuple(str(r).partition(".")[::2]) for r in (equation.left, equation.right)))
-            elif isinstance(equation, pymoca.ast.Equation):
+            if isinstance(equation, pymoca.ast.Equation):
                 signals.update(_signal(equation, parts))
     mechanical = [p for p in pairs if all(port in parts[c].flanges for c, port in p if c in parts)]
     within = [p for p in mechanical if all(c in parts for c, _ in p)]
-    return Wiring(parts, _nets(within), tuple(p for p in pairs if p not in mechanical), signals)
+    return Wiring(parts, nets(within), tuple(p for p in pairs if p not in mechanical), signals)
+
+
+def connections_of(library, rig):
+    """Pairs of connectors that a rig's classes connect.
+
+    Parameters
+    ----------
+    library : Library
+        Which holds the rig.
+    rig : str
+        Modelica class.
+
+    Returns
+    -------
+    list of ((str, str), (str, str))
+        Component and connector, of either end.
+    """
+    return [tuple(tuple(str(r).partition(".")[::2]) for r in (equation.left, equation.right))
+            for _, node in reversed(list(library.bases(rig))) for equation in node.equations
+            if isinstance(equation, pymoca.ast.ConnectClause)]
+
+
+def nets(pairs):
+    """Connectors that are connected, put together where pairs share one.
+
+    Parameters
+    ----------
+    pairs : iterable of (object, object)
+        Ends of connections.
+
+    Returns
+    -------
+    tuple of tuple
+        Each with all that is connected with each other.
+    """
+    joined = []
+    for a, b in pairs:
+        met = [n for n in joined if a in n or b in n]
+        joined = [n for n in joined if n not in met] + [list(dict.fromkeys([*sum(met, []), a, b]))]
+    return tuple(tuple(n) for n in joined)
 
 
 def _part(library, name, model, description):
@@ -126,12 +164,3 @@ def _signal(equation, parts):
         if name and "." not in name and other.partition(".")[0] in parts:
             return {name: other.partition(".")[0]}
     return {}
-
-
-def _nets(pairs):
-    """Connected flanges, put together where they share one."""
-    nets = []
-    for a, b in pairs:
-        joined = [n for n in nets if a in n or b in n]
-        nets = [n for n in nets if n not in joined] + [list(dict.fromkeys([*sum(joined, []), a, b]))]
-    return tuple(tuple(n) for n in nets)

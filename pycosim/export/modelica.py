@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..compile.effects import extend
+from ..compile.attach import extend
 from .description import c_name
 
 _NAME = re.compile(r"\b[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*")

@@ -1,12 +1,13 @@
 """Every class of the library compiles, in two compilers, and describes itself; an effect at neutral changes nothing."""
 
 import re
-from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
-from pycosim.compile import Model, catalogue, component_name, parse, places
+from pycosim.compile import Library, Model, catalogue, component_name, places
+from pycosim.compile.attach import attach
 from pycosim.compile.parse import LIBRARY
 from pycosim.dynamics.simulate import dynamics, estimate
 from pycosim.dynamics.stepping import GAP, gap, watched
@@ -31,23 +32,45 @@ def test_rig_answers_every_question_its_annotation_offers(model, name):
 
 
 @pytest.mark.parametrize("name", RIGS)
-def test_effects_put_into_the_rig_s_own_class_are_the_model_that_extends_it(library, name, monkeypatch):
-    """What `parse._merged` saves changes neither equations nor their order."""
+def test_effects_hung_on_a_flat_rig_are_the_model_that_the_compiler_flattens(library, name):
+    """Every effect at its last place, which is the joined one, five at a time, and once the probes."""
     rig = f"DriveTrain.{name}"
-    fitting = [(e, places(library, rig, e)) for e in catalogue(library).values()]
-    attached = [(e.id, p[-1].name) for e, p in fitting if p]
-    attached = list(dict.fromkeys(attached[::5] + [a for a in attached if "+" in a[1]][:3]))
-    short = Model(library, rig, attached, probes=True).flat
-    asked = []
-    monkeypatch.setattr(parse, "_merged", lambda tree, name: asked.append(name))
-    long = library.flatten("Improved", Model(library, rig, attached, probes=True).text)
-    assert asked == ["Improved"] and len(long.equations) > 40
-    for flat in (short, long):  # as texts: expressions have no equality
-        flat.equations, flat.symbols = [str(e) for e in flat.equations], list(flat.symbols)
-        flat.bindings = {n: str(e) for n, e in flat.bindings.items()}
-        flat.parameters, flat.variables = ({n: replace(v, unit="") for n, v in known.items()}  # of rad or of m
-                                           for known in (flat.parameters, flat.variables))
-    assert short == long and list(short.parameters) == list(long.parameters)
+    offers = [(e.id, p[-1].name) for e, p in ((e, places(library, rig, e)) for e in catalogue(library).values()) if p]
+    step = -(-len(offers) // 5)
+    for k in range(step):
+        model = Model(library, rig, offers[k::step], probes=k == 0)
+        _same_flat(library.flatten("Improved", model.text), attach(library, rig, model.attached, model.hung))
+
+
+def test_a_port_that_leaves_the_rig_is_the_compilers(tmp_path):
+    """What is connected with a connector of the rig itself adds up with another sign."""
+    (tmp_path / "open.mo").write_text("""model Open
+  extends DriveTrain.Rigs.ServoPendulum;
+  DriveTrain.Interfaces.TorqueSignal outlet "Channel, seen from outside";
+equation
+  connect(outlet, motor.signal);
+end Open;
+""")
+    library = Library([tmp_path / "open.mo"])
+    model = Model(library, "Open", [("torque_constant", "motor")])
+    assert attach(library, "Open", model.attached) is None
+    assert "torque_constant_motor.g" in model.flat.parameters
+
+
+def _same_flat(whole, parts):
+    """Check that two flat models say the same: expressions have no equality, so equations are compared by numbers."""
+    assert parts.variables == whole.variables and parts.parameters == whole.parameters
+    assert parts.derivatives == whole.derivatives and set(parts.inputs) == set(whole.inputs)
+    assert parts.symbols.keys() == whole.symbols.keys() and parts.bindings.keys() == whole.bindings.keys()
+    point = dict(zip(whole.symbols, np.random.default_rng(1).uniform(0.2, 0.9, len(whole.symbols))))
+
+    def numbers(flat):
+        found = ca.vertcat(*flat.equations), ca.vertcat(*[flat.bindings[n] for n in whole.bindings])
+        equations, bound = ca.Function("f", list(flat.symbols.values()), found)(*[point[n] for n in flat.symbols])
+        return np.sort(np.abs(np.array(equations).ravel())), np.array(bound).ravel()
+
+    for a, b in zip(numbers(parts), numbers(whole)):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 
 
 def test_a_watched_step_tells_what_its_gap_and_its_error_tell(model):
