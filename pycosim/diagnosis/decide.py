@@ -707,7 +707,7 @@ def alike(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
     -------
     bool
     """
-    least = {"white": 2.0 * errors ** 2, "raw": RELEVANT * best.raw.sum()}
+    least = {"white": 2.0 * errors ** 2, "raw": PLAIN * best.raw.sum()}
     for kind in kinds:
         one, two, none = (getattr(s, kind) for s in (other, best, base))
         gap, spread = difference(one, two)
