@@ -63,7 +63,9 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
         else:
             near, apart = _nearest(time, run, delay)
             slope, jumping = (s[near] for s in slopes[name])
-            found[name] = signals[name][near] + (slope + jumping) * apart
+            own, beside = signals[name][near], signals[name][near + np.sign(apart).astype(int)]
+            ends = np.minimum(beside - own, 0.0), np.maximum(beside - own, 0.0)
+            found[name] = own + slope * apart + np.clip(jumping * apart, *ends)
             if moved:
                 calm = moved(name, delay, found[name])
                 found[name] = np.where(np.isnan(calm), found[name], calm)
