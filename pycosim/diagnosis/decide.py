@@ -624,7 +624,7 @@ def _refused(base, finding):
     if not told:
         return "no better on passes that it was not fitted to"
     share = shares[np.argmax(np.abs(shares))]
-    if share < RELEVANT:
+    if share < PLAIN:
         return f"too small to matter: {100 * share:.2g} % of the squared error"
     return None
 
