@@ -332,7 +332,8 @@ def _refit_best(dataset, model, fit, scores, findings, base, table, say):
     """Fit the model with each of the best candidates; fills the findings and returns those that were fitted.
 
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
-    are fitted as well, however low they rank.
+    are fitted as well, however low they rank. So is what could add the same as it does: an asymmetry of a loss that the
+    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss.
     """
     def refitted(some):
         for k, f in enumerate(some, 1):
@@ -348,7 +349,8 @@ def _refit_best(dataset, model, fit, scores, findings, base, table, say):
         effects = {f.effect for f in fitted if _twins(base, f, best)}
         fitted += refitted([f for f in findings if f.effect == best.effect and f not in fitted
                             and _unseen(dataset, model, fit, f)])
-        fitted += refitted([f for f in likely[REFITS:] if f.effect in effects and f not in fitted])
+        akin = scores.akin(best.key, 1 - ALIKE)[:REFITS]
+        fitted += refitted([f for f in likely[REFITS:] if (f.effect in effects or f.key in akin) and f not in fitted])
         for f in [f for f in fitted if f.effect == best.effect and f is not best]:
             _refit_from(dataset, model, scores.single, f, best, base.usual)
             if _twins(base, f, best):  # a score sees nothing of a share of a loss that the base model takes for none

@@ -452,6 +452,37 @@ class Scores:
         """
         return self._beside([self.p + np.array(part) for c in candidates for part in c.parts], *self._absorb)
 
+    def akin(self, key, least):
+        """Candidates that could add what one adds, most like it first, whatever bounds leave of their own fall.
+
+        Parameters
+        ----------
+        key : (str, str)
+            Effect and place of that one.
+        least : float
+            Share of what it adds beside the base, as whitened squares, that another must be able to add.
+
+        Returns
+        -------
+        list of (str, str)
+            Without that one.
+        """
+        best = {}
+        for score in self.results:
+            if score.visible and score.surprise > best.get(score.candidate.key, Score(None)).surprise:
+                best[score.candidate.key] = score
+        if key not in best:
+            return []
+        one, found = best.pop(key), []
+        for other in best.values():
+            moments, _ = self.beside_base([one.candidate, other.candidate])
+            d = len(one.candidate.parts)
+            alone, cross = one.coefficients @ moments[:d, :d] @ one.coefficients, moments[d:, :d] @ one.coefficients
+            share = cross @ np.linalg.lstsq(moments[d:, d:], cross, rcond=1e-9)[0] / max(alone, 1e-300)
+            if share >= least:
+                found.append((share, other.candidate.key))
+        return [k for _, k in sorted(found, reverse=True)]
+
     def _beside(self, groups, given, inverse):
         """Moments of groups of rows, and theirs with the residual, beside what given rows explain of them."""
         cross = np.array([self.gram[np.ix_(g, given)].sum(0) for g in groups])
