@@ -39,6 +39,9 @@ others do not tell the base model; a smaller one must do so with what the others
 nothing hidden two had a candidate that took a hundredth; true effects there took a quarter and more."""
 ALIKE = 0.2  # of what the best takes away, that an alternative may leave
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
+MATTERS = 0.05
+"""Of the squared error of one channel, that an effect must take. The imperfect form of a larger one leaves as much:
+beside a delay of a gait, found to a tenth of a sample, a hysteresis took 0.04."""
 PLAIN = 0.05  # of the plain squared error, by which it must be lower to decide: something else that is missing moves it
 REFITS = 10
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
@@ -223,8 +226,9 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, withdraw
         chosen if chosen and chosen.provisional else None)
     channels = _channels(fit.error, floor, told, base, winner, dataset.steps, provisional, slow)
     unknown = verdict == "unexplained" and not dataset.averaged and not any(f.contested for f in findings)
-    found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single, smallest(scores, LEVEL),
-                      varied(table), None, channels, partial(unexplained, table, depends, floor) if unknown else None)
+    found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single,
+                      smallest(scores, LEVEL, MATTERS), varied(table), None, channels,
+                      partial(unexplained, table, depends, floor) if unknown else None)
     return found.finish() if finished else found
 
 
@@ -628,7 +632,7 @@ def _refused(base, finding):
     if not told:
         return "no better on passes that it was not fitted to"
     share = shares[np.argmax(np.abs(shares))]
-    if share < PLAIN:
+    if share < MATTERS:
         return f"too small to matter: {100 * share:.2g} % of the squared error"
     return None
 

@@ -47,11 +47,11 @@ def undetectable(table, scores):
                     for effect, place in table.rejected]
 
 
-def smallest(scores, level):
+def smallest(scores, level, matters):
     """The smallest size of each effect at each place that this log would have shown.
 
-    Shown in nine logs of ten such that the family-wise p-value is below the level; of effects with a grid, at the grid
-    point where they show best.
+    Shown in nine logs of ten such that the family-wise p-value is below the level, and enough of the error is taken to
+    matter; of effects with a grid, at the grid point where they show best.
 
     Parameters
     ----------
@@ -59,6 +59,8 @@ def smallest(scores, level):
         Of the same table.
     level : float
         Family-wise p-value, 0 to 1.
+    matters : float
+        Least share of the squared error that an effect must take, 0 to 1.
 
     Returns
     -------
@@ -75,7 +77,9 @@ def smallest(scores, level):
         sided = len(candidate.parts) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
         tail = min(np.exp(-thresholds[score.scanned]) * (2 if sided else 1), 1.0)
         wanted = np.sqrt(chdtri(len(candidate.parts), tail)) + ndtri(0.9)
-        size = float(wanted * np.min(score.spread))
+        spread = float(np.min(score.spread))
+        enough = np.sqrt(matters / (1 - matters)) / max(scores.weight(candidate, 1.0), 1e-300)
+        size = float(max(wanted * spread, enough + ndtri(0.9) * spread))
         if not np.isfinite(size):  # every size could hide: nothing is known to be absent
             continue
         described = scores.table.described(scores.table.contribution(candidate.effect))

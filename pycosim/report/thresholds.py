@@ -11,7 +11,8 @@ from importlib import import_module
 _EVIDENCE = {
     "level": ("diagnosis.scores.LEVEL", "family-wise p-value below which a candidate counts"),
     "relevant": ("diagnosis.dependence.RELEVANT",
-                 "least share of the error's energy that a candidate must take to matter"),
+                 "least share of the error's energy that a variable must explain to matter"),
+    "matters": ("diagnosis.decide.MATTERS", "least share of a channel's squared error that a candidate must take"),
     "bound_pressed": ("diagnosis.scores.PRESSED",
                       "fall of the squared error, over the noise's variance, that a parameter must bring outside its "
                       "bounds to count as held back by them"),
@@ -21,6 +22,7 @@ _EVIDENCE = {
     "alike": ("diagnosis.decide.ALIKE", "share of what the best candidate takes that an alternative may leave"),
     "left": ("diagnosis.remainder.LEFT",
              "share of what a candidate takes that one variable may still explain of the rest"),
+    "left_own": ("diagnosis.remainder.OWN", "the same of a variable that the candidate is a function of"),
     "varies": ("diagnosis.constancy.LACK",
                "share of what a candidate takes that it may gain where its coefficient varies"),
     "varies_sure": ("diagnosis.constancy.SURE",

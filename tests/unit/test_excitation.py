@@ -14,10 +14,15 @@ def scores(spread):
     table = SimpleNamespace(contribution=lambda effect: None,
                             described=lambda contribution: {"b": SimpleNamespace(unit="N.m.s/rad")})
     score = SimpleNamespace(visible=True, scanned=False, candidate=candidate, spread=np.array([spread]))
-    return SimpleNamespace(threshold=lambda level, scanned: 12.0, weight=lambda candidate, size: 0.01, results=[score],
+    return SimpleNamespace(threshold=lambda level, scanned: 12.0, weight=lambda candidate, size: size, results=[score],
                            table=table)
 
 
 def test_an_effect_that_could_hide_at_any_size_is_not_said_to_be_small():
-    assert excitation.smallest(scores(np.inf), 0.01) == []
-    assert excitation.smallest(scores(0.02), 0.01)[0]["value"] > 0.02
+    assert excitation.smallest(scores(np.inf), 0.01, 0.05) == []
+    assert excitation.smallest(scores(0.02), 0.01, 0.05)[0]["value"] > 0.02
+
+
+def test_a_size_that_takes_too_little_to_matter_is_not_said_to_show():
+    found = excitation.smallest(scores(1e-4), 0.01, 0.05)[0]
+    assert found["value"] ** 2 / (1 + found["value"] ** 2) >= 0.05 and found["value"] < 0.24
