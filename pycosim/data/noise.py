@@ -275,7 +275,7 @@ def chained(time, group, linked, lags=None, colour=1.0):
     return Chain(np.r_[math.inf, np.where((gap > 0) & (same | linked), gap, math.inf)], lags, colour)
 
 
-def fit_noise(residual, chain, absorbed=None, start=None):
+def fit_noise(residual, chain, absorbed=None):
     """Estimate the noise of one channel from its residual, by restricted maximum likelihood.
 
     Means over short stretches hold what is known of the slow part, the scatter within them what is known of the white
@@ -291,8 +291,6 @@ def fit_noise(residual, chain, absorbed=None, start=None):
         Time between neighbouring samples, and where the noise starts anew.
     absorbed : ndarray, shape (p, n), optional
         Derivatives by the fitted parameters, orthonormal or zero: what the fit took out of the noise is put back.
-    start : Noise, optional
-        Where the search starts.
 
     Returns
     -------
@@ -309,23 +307,19 @@ def fit_noise(residual, chain, absorbed=None, start=None):
     means = _Means.of(residual, absorbed, chain)
     if means is None or variance <= 0:
         return plain
-    found = _told_by(means, start) or plain
+    found = _told_by(means) or plain
     coarse = _Means.of(residual, absorbed, chain, COARSE)
     if coarse is None:
         return found
-    other = _told_by(coarse, start) or Noise(math.sqrt(coarse.evaluate((-50.0, math.log(coarse.least)))[1]))
+    other = _told_by(coarse) or Noise(math.sqrt(coarse.evaluate((-50.0, math.log(coarse.least)))[1]))
     return other if coarse.unlikely(found) > coarse.unlikely(other) + PROVED else found
 
 
-def _told_by(means, start):
+def _told_by(means):
     """The noise that is likeliest by means; None where that is white."""
-    if start is None or start.slow == 0.0:
-        times = np.linspace(math.log(means.least), math.log(means.longest), 4)
-        best = sorted((min(((r, t) for r in (-2.5, -1.0, 0.5)), key=means.misfit) for t in times), key=means.misfit)
-        starts = best[:VALLEYS]
-    else:
-        starts = [means.inside((math.log(start.slow / start.white), math.log(start.memory)))]
-    found = min((_least(means.misfit, x) for x in starts), key=lambda f: f.fun)
+    times = np.linspace(math.log(means.least), math.log(means.longest), 4)
+    starts = sorted((min(((r, t) for r in (-2.5, -1.0, 0.5)), key=means.misfit) for t in times), key=means.misfit)
+    found = min((_least(means.misfit, x) for x in starts[:VALLEYS]), key=lambda f: f.fun)
     if found.fun > means.misfit((-50.0, found.x[1])) - PROVED:
         return None
     r, t = means.inside(found.x)
