@@ -169,7 +169,7 @@ class Diagnosis:
         return next((c for c in self.candidates if c.accepted), None)
 
 
-def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, withdrawn=None):
+def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     """Find the effect that a fitted model lacks.
 
     Parameters
@@ -186,8 +186,6 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, withdraw
         Called with a sentence before each stage.
     finished : bool
         Of a search that may find the effect beside another, only `Diagnosis.finish` says where it lives.
-    withdrawn : dict of (str, str) to str, optional
-        Effects that a search has found to be no more than near to a law, and the variable of that law.
 
     Returns
     -------
@@ -211,7 +209,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, withdraw
             finding.varies_with = law.variable
         risen = rises(_errors(dataset, model, fit), _errors(dataset, larger, finding.fit))
         share, variable = remaining(dependence(dataset, larger, finding.fit, seed), base, own, law.follows, risen)
-        finding.outweighed_by = (withdrawn or {}).get(finding.key, variable if share > LEFT else None)
+        finding.outweighed_by = variable if share > LEFT else None
         return finding.varies_with is None and finding.outweighed_by is None
 
     chosen = _chosen(dataset, model, fit, findings, rivals, base, steady, scores.single)

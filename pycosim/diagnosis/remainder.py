@@ -13,10 +13,6 @@ itself. A law that stands in for another leaves much of that in its place, or pa
 true one beside a second: then the search goes on, and both are believed together."""
 
 
-OWN, FUNCTION = 0.05, 0.9
-"""The same of a variable of which so much of what the effect adds is a function: a law that is right leaves nothing of
-its own variable, whatever else is missing. Of true effects in 40 adverse logs 37 left nothing, three 0.007 to 0.029; a
-viscous law in the place of a drag one way only that grows with the square of the speed left 0.06 to 0.7."""
 DROWNED = 4.0
 """The same of an effect that cannot be mistaken for a law of that variable. Beside something so much larger any signal
 catches a little; the delay and the ripple of the ball screw EMPS leave 1.1 and 1.3 times what they take."""
@@ -87,8 +83,11 @@ def remaining(told, before, after, follows, risen=None):
     """
     without, left = (s.channels.sum(1) for s in (before, after))
     fall, acts = without - left, without - left > RELEVANT * without
-    other = LEFT if max(follows.values(), default=1.0) > ALIKE else DROWNED
-    still = _still(told, left, acts, lambda v: LEFT / (OWN if is_own(v, follows) else other))
+    worth = 1.0 if max(follows.values(), default=1.0) > ALIKE else LEFT / DROWNED
+    still = [(worth * channel.variables[0]["strength"] * left[k], channel.variables[0]["variable"])
+             for k, channel in enumerate(told.channels.values()) if acts[k] and channel.sure]
+    if told.sure and not still:  # no channel by itself tells it from chance, all together do
+        still = [(worth * told.variables[0]["strength"] * left[acts].sum(), told.variables[0]["variable"])]
     takes = fall[acts].sum()
     if not takes:
         return 0.0, None
@@ -98,52 +97,3 @@ def remaining(told, before, after, follows, risen=None):
     if not still:
         return 0.0, None
     return float(sum(taken for taken, _ in still) - fall[fall < 0].sum()) / takes, max(still)[1]
-
-
-def approximated(told, before, after, follows):
-    """The variable of a law that an effect is no more than near to.
-
-    Parameters
-    ----------
-    told, before, after, follows
-        As of `remaining`.
-
-    Returns
-    -------
-    str or None
-        One of which the effect is a function, and so is much of what is left.
-    """
-    without, left = (s.channels.sum(1) for s in (before, after))
-    acts = without - left > RELEVANT * without
-    still = _still(told, left, acts, lambda v: float(is_own(v, follows)))
-    takes = (without - left)[acts].sum()
-    return max(still)[1] if sum(taken for taken, _ in still) > OWN * takes else None
-
-
-def is_own(variable, follows):
-    """Whether an effect is a function of a variable, as far as the data tell.
-
-    Parameters
-    ----------
-    variable : str
-        As ``speed@1A``.
-    follows : dict of str to float
-        As of `remaining`.
-
-    Returns
-    -------
-    bool
-    """
-    return follows.get(variable, 0.0) > FUNCTION
-
-
-def _still(told, left, acts, worth):
-    """By channel, the most that is left depending on a variable, each with its worth, and the variable."""
-    def most(variables, error):
-        return max((worth(v["variable"]) * v["strength"] * error, v["variable"]) for v in variables)
-
-    still = [most(channel.variables, left[k]) for k, channel in enumerate(told.channels.values())
-             if acts[k] and channel.sure]
-    if told.sure and not still:  # no channel by itself tells it from chance, all together do
-        still = [most(told.variables, left[acts].sum())]
-    return still

@@ -13,7 +13,7 @@ from .constancy import allowed, constancy
 from .crossval import difference, select
 from .decide import SEPARATE, TRIAL, Finding, alike, diagnose, nudged, too_many
 from .dependence import dependence
-from .remainder import LEFT, approximated, beyond, is_own, remaining, rises
+from .remainder import LEFT, beyond, remaining, rises
 
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
@@ -267,11 +267,6 @@ def improve(dataset, model=None, seed=0, progress=None):
     if len(pruned) < len(steps):
         steps = pruned
         last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 99, progress, False)
-    kept, withdrawn = _withdrawn(dataset, steps, last.noise, seed) if last.verdict == "unexplained" else (steps, {})
-    if withdrawn:
-        steps = kept
-        last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 98, progress, False, withdrawn)
-        first = last if len(steps) == 1 else first
     if last.verdict == "unexplained":
         end = steps[-1]
         steps = [*steps[:-1], replace(end, fit=least_squares.widened(dataset, end.model, end.fit))]
@@ -555,28 +550,6 @@ def _prune(dataset, steps, noise):
         else:
             break
     return steps
-
-
-def _withdrawn(dataset, steps, noise, seed):
-    """The ladder without effects of whose own variable much is left, and these, each with the variable.
-
-    With one of them go the others that are functions of its variable: together they are near to its law.
-    """
-    fulls, base, found = _Selections(dataset, steps[-1], noise), steps[0].model, {}
-    follows = {key: law.follows for key, law in constancy(dataset, steps[-1].model, steps[-1].fit).items()}
-    left = dependence(dataset, steps[-1].model, steps[-1].fit, seed)
-    for out in steps[1:]:
-        rest = [s.added for s in steps[1:] if s is not out]
-        model = compile_model(dataset.library, base.rig, [*base.keys, *rest])
-        here, full = fulls.beside(model)
-        fit = least_squares.fit(here, model, steps[-1].fit.parameters)
-        alone = select(here, model, fit, noise, full.usual)
-        found[out.added] = approximated(left, alone, full, follows[out.added])
-    laws = {v for v in found.values() if v}
-    for key in found:
-        found[key] = found[key] or next((v for v in laws if is_own(v, follows[key])), None)
-    near = {key: variable for key, variable in found.items() if variable}
-    return (_ladder(dataset, steps[0], [s for s in steps[1:] if s.added not in near]) if near else steps), near
 
 
 def _ladder(dataset, base, chosen):

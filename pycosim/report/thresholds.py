@@ -22,7 +22,6 @@ _EVIDENCE = {
     "alike": ("diagnosis.decide.ALIKE", "share of what the best candidate takes that an alternative may leave"),
     "left": ("diagnosis.remainder.LEFT",
              "share of what a candidate takes that one variable may still explain of the rest"),
-    "left_own": ("diagnosis.remainder.OWN", "the same of a variable that the candidate is a function of"),
     "varies": ("diagnosis.constancy.LACK",
                "share of what a candidate takes that it may gain where its coefficient varies"),
     "varies_sure": ("diagnosis.constancy.SURE",
