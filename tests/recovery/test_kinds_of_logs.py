@@ -164,6 +164,22 @@ def test_an_effect_that_one_part_of_the_log_alone_tells_is_not_behind_one_that_s
     assert first == "missing_effect" and found[0] == ("torque_constant", "motor"), shown
 
 
+def test_what_is_the_same_as_the_best_is_named_with_it_however_low_its_score(tmp_path):
+    """The base model takes the loss for small that the asymmetry is a share of: its score is half of the offset's."""
+    study = make("motor_encoders:direction_asymmetry:2.4:2800", tmp_path, quick=True)
+    step, = search.improve(Dataset(load_study(study), Library())).steps[1:]
+    names = [step.added, *((t["effect"], t["place"]) for t in step.finding.twins)]
+    assert set(names) == {("direction_asymmetry", "2A"), ("torque_offset", "motor2")}
+
+
+def test_a_delay_of_a_sample_and_a_half_is_no_three_samples(tmp_path):
+    """The record jumps where a segment turns; between two samples it lies between both."""
+    found = search.improve(Dataset(load_study(make("rate50:time_delay:2.4:1501", tmp_path, quick=True)), Library()))
+    low, high = found.fit.interval("time_delay_torque.d")
+    assert found.steps[1].added == ("time_delay", "torque") and low < 0.0307 < high, summary(found)
+    assert found.fit.parameters["time_delay_torque.d"] == pytest.approx(0.0307, abs=0.01)
+
+
 def test_a_loss_that_grows_in_time_is_no_warm_up(tmp_path):
     first, last, found, shown = hidden("outside_gait:wear:1.3:5101", tmp_path)
     assert (first, last, found) == ("unexplained", "unexplained", []), shown
