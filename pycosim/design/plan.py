@@ -10,7 +10,8 @@ import numpy as np
 from ..compile import compile_model, component_name, find_effect, find_place, ranked
 from ..compile.effects import annotation
 from ..core.errors import ModelicaError, PlanError, closest
-from ..diagnosis.decide import diagnose, nudged
+from ..diagnosis.decide import diagnose
+from ..diagnosis.trials import nudged
 from ..fit import least_squares
 from ..fit.bounded import bounded
 from .goals import GOALS, goal_named

@@ -15,9 +15,11 @@ from ..compile import compile_model
 from ..core.errors import PycosimError
 from ..fit import least_squares
 from .crossval import select
-from .decide import TRIAL, Finding, alike, by_kind, holds_nothing, measure, start_of
+from .finding import Finding
+from .rivals import alike, by_kind
 from .scores import LEVEL, Scores
 from .table import Table
+from .trials import TRIAL, holds_nothing, measure, start_of
 
 APART = 0.02
 """Of what one effect changes, that must be left beside the other: two that are nearly one have no size of their own."""

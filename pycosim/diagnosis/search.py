@@ -11,9 +11,12 @@ from ..fit import least_squares
 from . import compare, pairs
 from .constancy import allowed, constancy
 from .crossval import difference, select
-from .decide import SEPARATE, TRIAL, Finding, alike, diagnose, nudged, too_many
+from .decide import diagnose
 from .dependence import dependence
+from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises
+from .rivals import SEPARATE, alike, too_many
+from .trials import TRIAL, nudged
 
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant

@@ -180,7 +180,7 @@ class Diagnosis(Recorded):
     ----------
     fitted : Fitted
         The model that was looked at.
-    found : pycosim.diagnosis.decide.Diagnosis
+    found : pycosim.diagnosis.finding.Diagnosis
         All that was found; of one that was loaded, what its file keeps of that.
     final : bool
         Whether effects were added already: nothing missing means nothing else.

@@ -76,7 +76,7 @@ def candidates(diagnosis, most=10, held_out=None):
         text = "expected before a refit" if expected else "on held-out passes"
         marks.append(Bars(at, sizes, Look("faint" if other else "muted", hatch="/" if expected else ""),
                           f"{'' if other else 'accepted, '}{text}", across=True))
-    marks += [Text(0, k, _fate(diagnosis, f), beside=True) for k, f in enumerate(shown)]
+    marks += [Text(0, k, fate(diagnosis, f), beside=True) for k, f in enumerate(shown)]
     panel = Panel(Axis("error left with it alone", "% of the error without it", low=0, high=105),
                   Axis("candidate", names=[f"{_spaced(f.effect)} at {f.place}" for f in shown], falling=True), marks)
     return Plot("candidates", "What each candidate would explain", "The error that each candidate would leave by "
@@ -92,8 +92,20 @@ def _left(diagnosis, finding, held_out):
     return (float(np.sqrt(np.mean([after[c] ** 2 / before[c] ** 2 for c in keys]))) if keys else 1.0), seen
 
 
-def _fate(diagnosis, finding):
-    """What became of a candidate, in a few words."""
+def fate(diagnosis, finding):
+    """What became of a candidate, in a few words.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Of a fitted model.
+    finding : Finding
+        One of its candidates.
+
+    Returns
+    -------
+    str
+    """
     if finding.accepted:
         return "accepted"
     if finding.contested:
@@ -105,7 +117,7 @@ def _fate(diagnosis, finding):
         return f"explained by {_spaced(finding.explained_by['effect'])} at {finding.explained_by['place']}"
     if finding.p_value >= LEVEL:
         return f"as large by chance in {chance(finding.p_value)}"
-    return finding.refused or "not needed"
+    return f"refused: {finding.refused}" if finding.refused else "not needed"
 
 
 def intervals(parameters):

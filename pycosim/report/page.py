@@ -20,7 +20,6 @@ from ..compile import compile_model, find_effect
 from ..core.whole import write_whole
 from ..data.frames import Frame
 from ..diagnosis.compare import worded
-from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
 from . import cards, charts, drawings, findings, outcomes, records, schematic, sentences
 from .sentences import finite
@@ -216,16 +215,7 @@ class Page:
         step = next((k for k, s in enumerate(self.found.steps) if s.added == key), None)
         if step is not None:
             return f"added, step {step}"
-        if told.get("contested"):
-            return "one of several that do equally well"
-        for other in [c for c in self.first["candidates"] if c["accepted"] or c.get("contested")]:
-            if any((t["effect"], t["place"]) == key for t in other["twins"]):
-                return f"not to be told from {_spaced(other['effect'])} at {other['place']}"
-        if told.get("explained_by"):
-            return f"explained by {_spaced(told['explained_by']['effect'])} at {told['explained_by']['place']}"
-        if told.get("refused"):
-            return f"refused: {told['refused']}"
-        return "not needed" if told["p_value"] < LEVEL else "not significant"
+        return outcomes.fate(self.found.first, next(f for f in self.found.first.candidates if f.key == key))
 
     def _unexplained(self):
         left = self.last.get("unexplained")

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..compile import component_name, find_effect
 from ..compile.contribution import effect_question
-from ..diagnosis.decide import Diagnosis, Finding
+from ..diagnosis.finding import Diagnosis, Finding
 from ..diagnosis.search import Improvement, Step
 from ..fit.nullspace import null_directions, weak_directions
 from ..study.schema import Setting
@@ -150,7 +150,7 @@ def diagnosis_of(record):
 
     Returns
     -------
-    pycosim.diagnosis.decide.Diagnosis
+    pycosim.diagnosis.finding.Diagnosis
     """
     def made(kind, entry, **more):
         return kind(**{f.name: entry[f.name] for f in fields(kind) if f.name in entry} | more)
@@ -212,7 +212,7 @@ def improvement_of(path, first, last):
     ----------
     path : dict
         ``ladder.json``.
-    first, last : pycosim.diagnosis.decide.Diagnosis
+    first, last : pycosim.diagnosis.finding.Diagnosis
         Of its first and its last model, as of `diagnosis_of`.
 
     Returns

@@ -16,10 +16,10 @@ _EVIDENCE = {
     "bound_pressed": ("diagnosis.scores.PRESSED",
                       "fall of the squared error, over the noise's variance, that a parameter must bring outside its "
                       "bounds to count as held back by them"),
-    "separate": ("diagnosis.decide.SEPARATE", "standard errors by which unseen folds must tell two candidates apart"),
-    "plain": ("diagnosis.decide.PLAIN",
+    "separate": ("diagnosis.rivals.SEPARATE", "standard errors by which unseen folds must tell two candidates apart"),
+    "plain": ("diagnosis.rivals.PLAIN",
               "share of the plain squared error by which it must be lower to decide between two candidates"),
-    "alike": ("diagnosis.decide.ALIKE", "share of what the best candidate takes that an alternative may leave"),
+    "alike": ("diagnosis.rivals.ALIKE", "share of what the best candidate takes that an alternative may leave"),
     "left": ("diagnosis.remainder.LEFT",
              "share of what a candidate takes that one variable may still explain of the rest"),
     "varies": ("diagnosis.constancy.LACK",
@@ -28,8 +28,8 @@ _EVIDENCE = {
                     "standard errors by which a varying coefficient must predict unseen data better"),
 }
 _REST = {
-    "contested": ("diagnosis.decide.CONTESTED", "alternatives beyond which none is a name"),
-    "kinds": ("diagnosis.decide.KINDS", "effects that may be alternatives of one another at any number of places"),
+    "contested": ("diagnosis.rivals.CONTESTED", "alternatives beyond which none is a name"),
+    "kinds": ("diagnosis.rivals.KINDS", "effects that may be alternatives of one another at any number of places"),
     "depends": ("diagnosis.dependence.ALARM",
                 "standard errors by which a dependence must lower the error on unseen blocks"),
     "above_floor": ("diagnosis.decide.SLOW",

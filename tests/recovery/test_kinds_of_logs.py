@@ -12,7 +12,7 @@ from benchmarks.real_logs.run import scenario
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis import search
-from pycosim.diagnosis.decide import CONTESTED
+from pycosim.diagnosis.rivals import CONTESTED
 from pycosim.report import records, sentences
 from pycosim.study.parse import load_study
 

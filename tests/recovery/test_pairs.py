@@ -12,7 +12,7 @@ from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis import pairs
-from pycosim.diagnosis.decide import Finding
+from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.scores import LEVEL, Scores
 from pycosim.diagnosis.search import _exchanged, _ladder, _revised, diagnosed, improve, step_of
 from pycosim.diagnosis.table import Table

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pycosim.diagnosis.crossval import _cross_validate, _predictive
-from pycosim.diagnosis.decide import CONTESTED, KINDS, Finding, too_many
+from pycosim.diagnosis.finding import Finding
+from pycosim.diagnosis.rivals import CONTESTED, KINDS, too_many
 from pycosim.fit.bounded import bounded
 
 FREE = np.full(2, np.inf)

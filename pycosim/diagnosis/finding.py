@@ -1,0 +1,123 @@
+"""What the diagnosis says: of one effect at one place, and of a fitted model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Finding:
+    """What the diagnosis says of one effect at one place."""
+
+    effect: str
+    place: str
+    accepted: bool = False
+    p_value: float = 1.0
+    p_value_single: float = 1.0
+    statistic: float = 0.0
+    predicted_error: dict = field(default_factory=dict)
+    held_out_error: dict | None = None
+    coefficients: dict = field(default_factory=dict)
+    twins: list = field(default_factory=list)
+    start: dict = field(default_factory=dict)
+    sizes: dict = field(default_factory=dict)
+    provisional: bool = False
+    contested: bool = False
+    refused: str | None = None
+    explained_by: dict | None = None
+    varies_with: str | None = None
+    outweighed_by: str | None = None
+    selection: object = None
+    fit: object = None
+
+    @property
+    def key(self):
+        """Effect and place."""
+        return self.effect, self.place
+
+
+@dataclass
+class Diagnosis:
+    """What is missing in a fitted model.
+
+    Attributes
+    ----------
+    verdict : str
+        ``missing_effect``, ``nothing_missing``, ``unexplained`` or ``not_enough_excitation``.
+    error, noise_floor : dict of str to float
+        RMSE of each channel, and what noise alone would leave, in the channel's unit.
+    candidates : list of Finding
+        Best first.
+    residual_depends_on : list of dict
+        Variables, most first, each with its share of the residual's energy and how sure that is.
+    undetectable : list of dict
+        Effects and places that the log cannot show, each with the reason and an experiment that would.
+    noise : list of Noise
+        Of single samples, one a channel.
+    smallest : list of dict
+        Smallest size of each effect at each place that this log would have shown; see `excitation.smallest`.
+    excitation : list of dict
+        What the log varies.
+    unexplained : dict or None
+        Where a residual that no effect explains lives; see `unexplained.unexplained`.
+    channels : dict of str to dict
+        What each channel says for itself: ``verdict``, ``error``, ``floor``, ``resolution``, ``slow``, ``depends_on``.
+    later : callable or None
+        What finds `unexplained`, until `finish` calls it.
+    """
+
+    verdict: str
+    error: dict
+    noise_floor: dict
+    candidates: list
+    residual_depends_on: list
+    undetectable: list
+    noise: list = field(default_factory=list)
+    smallest: list = field(default_factory=list)
+    excitation: list = field(default_factory=list)
+    unexplained: dict | None = None
+    channels: dict = field(default_factory=dict)
+    later: object = field(default=None, repr=False, compare=False)
+
+    def finish(self):
+        """Find where a residual that no effect explains lives, where a search has put that off.
+
+        Returns
+        -------
+        Diagnosis
+            Itself.
+        """
+        if self.later is not None:
+            self.unexplained, self.later = self.later(), None
+        return self
+
+    @property
+    def provisional(self):
+        """What that would be added if, beside others, its coefficient is constant and its rivals fall; or None."""
+        return next((c for c in self.candidates if c.provisional), None)
+
+    def accept(self, finding):
+        """Accept a finding: beside other effects its coefficient is constant, and few do as well.
+
+        Parameters
+        ----------
+        finding : Finding
+            The provisional one, or one of a pair that was fitted together.
+        """
+        for other in self.candidates:
+            other.provisional = other.contested = False
+        known = next(c for c in self.candidates if c.key == finding.key)
+        finding.accepted, finding.provisional, finding.contested = True, False, False
+        finding.predicted_error = known.predicted_error
+        self.candidates = [finding, *(c for c in self.candidates if c is not known)]
+        self.verdict, self.unexplained, self.later = "missing_effect", None, None
+
+    @property
+    def contested(self):
+        """The finding that would be added, did not too many others do as well; or None."""
+        return next((c for c in self.candidates if c.contested), None)
+
+    @property
+    def winner(self):
+        """The finding that would be added, or None."""
+        return next((c for c in self.candidates if c.accepted), None)

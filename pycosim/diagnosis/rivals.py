@@ -1,0 +1,143 @@
+"""Refitted candidates in; which of them no data tell apart, and which predicts best, out."""
+
+from __future__ import annotations
+
+from .crossval import difference
+
+ALIKE = 0.2  # of what the best takes away, that an alternative may leave
+SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
+PLAIN = 0.05  # of the plain squared error, by which it must be lower to decide: something else that is missing moves it
+CONTESTED, KINDS = 5, 3
+"""Alternatives beyond which none is a name, and effects, of which so many may be alternatives at any places. A constant
+torque has six names: offset of motor or reference, asymmetry with or without its growth at low speed, a far spring, a
+zero."""
+
+
+def alike(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
+    """Whether unseen folds cannot tell two refitted candidates apart: by so many standard errors, and what they take.
+
+    Rivals that take away very different parts of the error are no alternatives, however noisy the comparison. One that
+    its bounds hold errs less in the plain error than one that the other folds must tell: the whitened one counts that.
+
+    Parameters
+    ----------
+    base : Selection
+        Without either.
+    other, best : Selection
+        Of the rivals.
+    errors : float
+        Standard errors.
+    kinds : tuple of str
+        Errors that are asked: ``white``, ``raw``.
+
+    Returns
+    -------
+    bool
+    """
+    least = {"white": 2.0 * errors ** 2, "raw": PLAIN * best.raw.sum()}
+    for kind in kinds:
+        one, two, none = (getattr(s, kind) for s in (other, best, base))
+        gap, spread = difference(one, two)
+        if gap >= least[kind] and not (gap <= errors * spread and gap < ALIKE * difference(none, two)[0]):
+            return False
+    return True
+
+
+def twins(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
+    """Whether unseen folds cannot tell two findings apart, by their selections; see `alike`.
+
+    Parameters
+    ----------
+    base : Selection
+        Without either.
+    other, best : Finding
+        Refitted.
+    errors : float
+        Standard errors.
+    kinds : tuple of str
+        Errors that are asked: ``white``, ``raw``.
+
+    Returns
+    -------
+    bool
+    """
+    return alike(base, other.selection, best.selection, errors, kinds)
+
+
+def ahead_in_plain(one, other):
+    """Whether one finding predicts unseen folds better than another by more than chance, and by enough to matter.
+
+    Parameters
+    ----------
+    one, other : Finding
+        Refitted.
+
+    Returns
+    -------
+    bool
+    """
+    ahead, own = difference(other.selection.raw, one.selection.raw)
+    return ahead > max(SEPARATE * own, PLAIN * other.selection.raw.sum())
+
+
+def plainly_better(base, earned):
+    """The first of the findings; or, of those that its fast part alone puts behind it, the one that predicts best.
+
+    The whitened error hardly counts what is slow. Where it cannot tell rivals apart and the plain error of unseen folds
+    can, that decides.
+
+    Parameters
+    ----------
+    base : Selection
+        Without any of them.
+    earned : list of Finding
+        Lowest whitened error first.
+
+    Returns
+    -------
+    Finding
+    """
+    best = earned[0]
+    fall, better = difference(base.white, best.selection.white)[0], []
+    for f in earned[1:]:
+        behind, error = difference(f.selection.white, best.selection.white)
+        if behind <= SEPARATE * error and behind < ALIKE * fall and ahead_in_plain(f, best):
+            better.append(f)
+    return min(better, key=lambda f: f.selection.raw.sum()) if better else best
+
+
+def by_kind(findings):
+    """Findings in their order, yet each effect once before any of them at a second place.
+
+    Parameters
+    ----------
+    findings : list of Finding
+        Best first.
+
+    Returns
+    -------
+    list of Finding
+        The same ones.
+    """
+    known, ranks = {}, []
+    for f in findings:
+        known[f.effect] = known.get(f.effect, 0) + 1
+        ranks.append(known[f.effect])
+    return [f for _, f in sorted(zip(ranks, findings), key=lambda pair: pair[0])]
+
+
+def too_many(finding):
+    """Whether so many others do as well as a finding that none of them is a name.
+
+    Few effects at many places are no such case: one that acts at one stage or at another is known.
+
+    Parameters
+    ----------
+    finding : Finding
+        With its alternatives.
+
+    Returns
+    -------
+    bool
+    """
+    return len(finding.twins) > CONTESTED and len({finding.effect, *(t["effect"] for t in finding.twins)}) > KINDS

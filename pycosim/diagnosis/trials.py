@@ -1,0 +1,350 @@
+"""Scores of candidates in; findings, the best of them refitted and judged on unseen folds, out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..compile import compile_model, component_name, find_effect, find_place
+from ..core.errors import NoAnswerError, PycosimError
+from ..fit import least_squares
+from ..fit.late import delays
+from .crossval import select
+from .finding import Finding
+from .rivals import ALIKE, twins
+from .scores import LEVEL, PRESSED
+
+REFITS = 10
+TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
+
+
+def as_findings(table, scores):
+    """One finding an effect and place, at its best grid point.
+
+    Parameters
+    ----------
+    table : Table
+        Of the fitted model, with a column for each candidate.
+    scores : Scores
+        Of these candidates.
+
+    Returns
+    -------
+    list of Finding
+        Best first.
+    """
+    best = {}
+    for score in scores.results:
+        known = best.get(score.candidate.key)
+        if known is None or score.surprise > known.surprise:
+            best[score.candidate.key] = score
+    findings = []
+    for score in best.values():
+        candidate = score.candidate
+        penalty = 2.0 * (len(candidate.parts) + len(candidate.effect.scan))
+        finding = Finding(candidate.effect.id, candidate.place.name, statistic=score.value - penalty)
+        finding.p_value_single = float(np.exp(-score.surprise))
+        finding.p_value = scores.family(score.surprise, score.scanned)
+        finer = scores.refined.get(candidate.key, score)
+        finding.start = start_of(finer.candidate, finer.coefficients)
+        finding.predicted_error = scores.predicted(finer.candidate, finer.coefficients)
+        findings.append(finding)
+    return sorted(findings, key=lambda f: -f.statistic)
+
+
+def start_of(candidate, coefficients):
+    """Full values of an effect's coefficients at its score estimate.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        At the grid point that its scores are those of.
+    coefficients : ndarray or None
+        Estimated, relative to neutral; None where the grid alone is known.
+
+    Returns
+    -------
+    dict of str to float
+        By parameter of the model, SI units.
+    """
+    effect, base = candidate.effect, component_name(candidate.effect, candidate.place)
+    values = dict(candidate.grid)
+    if coefficients is None:
+        return {f"{base}.{n}": v for n, v in values.items()}
+    if candidate.extra.get("scanned"):
+        values[candidate.names[0]] = float(np.hypot(*coefficients))
+        values[candidate.extra["phase"]] = float(np.arctan2(coefficients[1], coefficients[0]))
+    else:
+        values.update({n: float(v) for n, v in zip(candidate.names, coefficients) if n not in effect.scan})
+    return {f"{base}.{n}": v for n, v in values.items()}
+
+
+def refit_best(dataset, model, fit, scores, findings, base, table, say):
+    """Fit the model with each of the best candidates, and fill in what their findings say.
+
+    The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
+    are fitted as well, however low they rank. So is what could add the same as it does: an asymmetry of a loss that the
+    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its fit part is fitted.
+    model : Model
+        With the effects accepted so far.
+    fit : Fit
+        Of that model.
+    scores : Scores
+        Of all candidates.
+    findings : list of Finding
+        Best score first.
+    base : Selection
+        Of the model as it is.
+    table : Table
+        Of the fitted model, with a column for each candidate.
+    say : callable
+        Takes a sentence on what is done next.
+
+    Returns
+    -------
+    list of Finding
+        Those that could be fitted.
+    """
+    def refitted(some):
+        for k, f in enumerate(some, 1):
+            say(f"refitting with {f.effect} at {f.place}, {k} of {len(some)}")
+            if _refit(dataset, model, fit, scores, f, base.usual, table):
+                yield f
+
+    likely = [f for f in findings if f.p_value < 10 * LEVEL]
+    dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in likely[:REFITS]])
+    fitted = list(refitted(likely[:REFITS]))
+    if fitted:
+        best = min(fitted, key=lambda f: f.selection.white.sum())
+        effects = {f.effect for f in fitted if twins(base, f, best)}
+        fitted += refitted([f for f in findings if f.effect == best.effect and f not in fitted
+                            and _unseen(dataset, model, fit, f)])
+        akin = scores.akin(best.key, 1 - ALIKE)[:REFITS]
+        fitted += refitted([f for f in likely[REFITS:] if (f.effect in effects or f.key in akin) and f not in fitted])
+        for f in [f for f in fitted if f.effect == best.effect and f is not best]:
+            _refit_from(dataset, model, scores.single, f, best, base.usual)
+            if twins(base, f, best):  # a score sees nothing of a share of a loss that the base model takes for none
+                f.p_value, f.p_value_single = best.p_value, best.p_value_single
+    return fitted
+
+
+def _unseen(dataset, model, fit, finding):
+    """Whether the base model takes the loss at a finding's place for none: a score sees nothing of a share of that."""
+    place = find_place(dataset.library, model.rig, find_effect(dataset.library, finding.effect), finding.place)
+    return any(f"{c}.f0" in fit.free and fit.at_bound(f"{c}.f0") == "min" for c in place.components)
+
+
+def _refit_from(dataset, model, noise, finding, other, usual):
+    """Fit a candidate from where the same effect at another place has brought the other parameters, if that is lower.
+
+    Losses that are traded between two places have a valley at each.
+    """
+    larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
+    at, names = component_name(*larger.attached[-1]), other.coefficients
+    whose = component_name(larger.attached[-1][0], find_place(dataset.library, model.rig, larger.attached[-1][0],
+                                                              other.place))
+    start = {**finding.fit.parameters, **{n: other.fit.parameters[n] for n in model.parameters},
+             **{f"{at}.{n}": other.fit.parameters[f"{whose}.{n}"] for n in names}}
+    try:
+        fit = least_squares.fit(dataset, larger, start, most=TRIAL, noise=noise, held=_earlier(larger))
+    except NoAnswerError:
+        return
+    if _cost(fit, usual) < _cost(finding.fit, usual):
+        finding.fit, finding.selection = fit, select(dataset, larger, fit, noise, usual)
+        finding.coefficients = _coefficients(larger, fit)
+
+
+def _cost(fit, usual):
+    """Sum of the channels' squared errors, in units of their noise."""
+    return sum((e / u) ** 2 for e, u in zip(fit.error.values(), usual.ravel()))
+
+
+def _refit(dataset, model, fit, scores, finding, usual, table):
+    """Fit the model with one candidate; whether it could be fitted."""
+    larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
+    start, lifted = {**fit.parameters, **finding.start}, {}
+    for component in larger.attached[-1][1].components:
+        name = f"{component}.f0"
+        if name in fit.free and start[name] < table.least_loss(component):
+            lifted[name] = table.least_loss(component)
+        name = f"{component}.mu"
+        if name in fit.free and "mu" in table.reads(finding.effect):
+            start[name] = min(start[name], table.most_efficient(component))
+    starts = [{**start, **lifted}]
+    if lifted and not any(fit.at_bound(name) for name in lifted):
+        starts.append(start)  # a small loss that nothing presses may be what there is
+    try:
+        fits = [_best_fit(dataset, larger, nudged(s, larger, finding), scores.single, usual) for s in starts]
+    except PycosimError:
+        return False
+    finding.fit = min(fits, key=lambda f: _cost(f, usual))
+    finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
+    measure(finding, larger, larger.attached[-1], table)
+    return True
+
+
+def measure(finding, model, attached, table):
+    """What a finding's fit says of its effect: coefficients, and the values of its sizes that change nothing.
+
+    Parameters
+    ----------
+    finding : Finding
+        With the fit; changed in place.
+    model : Model
+        That was fitted.
+    attached : (Effect, Place)
+        The finding's, one of the model's.
+    table : Table
+        Knows what the effect's size is.
+    """
+    effect, base = attached[0], component_name(*attached)
+    own, rig = finding.fit.variables, model.parameters
+    finding.coefficients = _coefficients(model, finding.fit, attached)
+    acting = table.contribution(effect).coefficients  # a time or a travel too that acts by itself
+    finding.sizes = {c: _none(own[f"{base}.{c}"]) if c in effect.scan else rig[f"{base}.{c}"].value
+                     for c in acting if c in finding.coefficients}
+
+
+def _best_fit(dataset, model, start, noise, usual):
+    """Fit from a start, and where another parameter ends at a bound, from twice the effect too.
+
+    A loss that would be negative is none: beyond that the errors bend, and have valleys of their own.
+    """
+    fit = least_squares.fit(dataset, model, start, most=TRIAL, noise=noise, held=_earlier(model))
+    base, effect = component_name(*model.attached[-1]), model.attached[-1][0]
+    if not any(fit.at_bound(n) for n in fit.free if not n.startswith(base + ".")):
+        return fit
+    twice = {name: min(max(2 * start.get(name, v.value) - v.value, v.min), v.max) for name, v in (
+        (f"{base}.{c}", model.parameters[f"{base}.{c}"]) for c in effect.size)}
+    try:
+        other = least_squares.fit(dataset, model, {**start, **twice}, most=TRIAL, noise=noise, held=_earlier(model))
+    except NoAnswerError:  # so large an effect leaves no motion
+        return fit
+    return min(fit, other, key=lambda f: _cost(f, usual))
+
+
+def _earlier(model):
+    """Delays that a trial of the effect attached last does not look for again."""
+    base = component_name(*model.attached[-1])
+    return [n for n in delays(model) if not n.startswith(base + ".")]
+
+
+def _none(variable):
+    """Time or travel that changes nothing: none, or the least that is allowed."""
+    return min(max(0.0, variable.min), variable.max)
+
+
+def nudged(start, model, finding):
+    """A start where no coefficient is exactly neutral, so that the ones that vanish with it can move.
+
+    Parameters
+    ----------
+    start : dict of str to float
+        By parameter, SI units; changed in place.
+    model : Model
+        With the effect attached last.
+    finding : Finding or None
+        The effect, as the diagnosis found it.
+
+    Returns
+    -------
+    dict of str to float
+    """
+    effect, place = model.attached[-1]
+    base = component_name(effect, place)
+    for c in effect.size:
+        v, name = model.parameters[f"{base}.{c}"], f"{base}.{c}"
+        if abs(start.get(name, v.value) - v.value) < 1e-3 * v.nominal:
+            start[name] = v.value + 1e-2 * v.nominal * (1 if v.max > v.value else -1)
+    return start
+
+
+def fit_to_all(finding, dataset, model, without, fit, noise):
+    """Fit a chosen candidate to all samples, where bounds are reached that a trial does not reach.
+
+    Parameters
+    ----------
+    finding : Finding
+        Its fit and its coefficients are changed in place.
+    dataset : Dataset
+        Its fit part is fitted.
+    model, without : Model
+        With the candidate attached last, and without it.
+    fit : Fit
+        Of the model without it.
+    noise : list of Noise
+        What the score tests left after the columns that explain most, by channel.
+
+    Returns
+    -------
+    bool
+        Whether the interval of a size leaves out the value that changes nothing.
+    """
+    finding.fit = least_squares.fit(dataset, model, finding.fit.parameters)
+    if holds_nothing(model, finding):  # something else may be missing too, which its noise then holds
+        finding.fit = least_squares.fit(dataset, model, finding.fit.parameters,
+                                        noise=_lesser(dataset, noise, finding.fit.noise))
+    if holds_nothing(model, finding):
+        finding.fit = _told_from_nothing(dataset, model, finding, without, fit)
+    finding.coefficients = _coefficients(model, finding.fit)
+    return not holds_nothing(model, finding)
+
+
+def _lesser(dataset, one, other):
+    """The lesser of two estimates of the noise, channel by channel: by what it gives the mean of a long stretch."""
+    step = float(np.median(np.diff(dataset.time))) if len(dataset.time) > 1 else 1.0
+    return [min(pair, key=lambda n: n.white ** 2 * step + 2 * n.slow ** 2 * n.memory) for pair in zip(one, other)]
+
+
+def _coefficients(model, fit, attached=None):
+    """Values, intervals and units of an effect's coefficients, by default of the last attached one's."""
+    base = component_name(*(attached or model.attached[-1]))
+    return {n.split(".", 1)[1]: {"value": fit.parameters[n], "ci95": fit.interval(n), "unit": model.parameters[n].unit}
+            for n in fit.free if n.startswith(base + ".")}
+
+
+def holds_nothing(model, finding, attached=None):
+    """Whether the intervals of all sizes of an effect hold the value that changes nothing.
+
+    Parameters
+    ----------
+    model : Model
+        That was fitted.
+    finding : Finding
+        With the fit, and its sizes.
+    attached : (Effect, Place), optional
+        The finding's, the last of the model's by default.
+
+    Returns
+    -------
+    bool
+    """
+    coefficients = _coefficients(model, finding.fit, attached)
+    ends = [(coefficients[n]["ci95"], neutral) for n, neutral in finding.sizes.items()]
+    return bool(ends) and not finding.fit.apart and all(low <= neutral <= high for (low, high), neutral in ends)
+
+
+def _told_from_nothing(dataset, model, finding, smaller, without):
+    """The fit, with what the likelihood ratio rules out although an interval holds it.
+
+    An interval takes the model as straight. A factor of a product, such as the growth of a loss that is small itself,
+    or a drift whose time is longer than the log, is known to differ from nothing long before its size is known. Where
+    the model is straight, both say the same.
+    """
+    base = component_name(*model.attached[-1])
+
+    def squares(m, f):
+        problem = dataset.residuals(m, f.free, f.parameters, "fit")
+        return sum((noise.whiten(r[None], problem.chain) ** 2).sum()
+                   for noise, r in zip(finding.fit.noise, problem.residual(f.values)))
+
+    fall = squares(smaller, without) - squares(model, finding.fit)
+    if fall < PRESSED * len(finding.sizes):
+        return finding.fit
+    return replace(finding.fit, apart={f"{base}.{n}": neutral for n, neutral in finding.sizes.items()})
