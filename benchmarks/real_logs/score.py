@@ -21,18 +21,14 @@ SEPARABLE = 5.4
 """Twice the log-likelihood on unseen data from which on two effects are told apart."""
 VISIBLE = 1.1
 """Size below which a condition's own error of channel or reference need not be named."""
-# What no log of this rig can tell apart: the oracle would not either.
-SAME = [{("torque_offset", f"motor{i}"), ("direction_asymmetry", f"{i}A")} for i in (1, 2)] + [
-    {("torque_offset", "motor1+motor2"), ("direction_asymmetry", "1A+2A")}] + [
-    {(e, p) for p in ("1B", "2B", "1B+2B")} for e in (
-        "viscous", "stribeck", "sublinear_viscous", "thermal_drift", "temperature_dependence", "presliding",
-        "configuration_preload")]
 # A law of the catalogue may stand in for one of these where the catalogue has it under the same name.
 OWN_NAME = {"dwell": "dwell", "friction_lag": "friction_lag"}
 
 
 def same(told, true):
-    """Whether an effect at a place is the hidden one, or one that no log could tell from it.
+    """Whether an effect at a place is the hidden one; a sine of the motor's angle goes by two names.
+
+    What else no log can tell apart must stand among the alternatives.
 
     Parameters
     ----------
@@ -42,9 +38,9 @@ def same(told, true):
     -------
     bool
     """
-    if told == true or any(told in group and true in group for group in SAME):
+    if told == true:
         return True
-    if {told[0], true[0]} == {"torque_ripple", "angle_torque"}:  # that torque is a sine of the motor's angle
+    if {told[0], true[0]} == {"torque_ripple", "angle_torque"}:
         return told[1] in true[1]
     return told[0] == true[0] == "torque_ripple" and told[1] in true[1]
 
