@@ -8,6 +8,7 @@ solved in closed form, sign case by sign case.
 
 from __future__ import annotations
 
+import heapq
 import itertools
 from dataclasses import dataclass, field
 
@@ -68,9 +69,11 @@ class _System:
         self.known = set(flat.parameters) | {"time"} | set(known)
         self.unknown = (set(flat.variables) | set(flat.derivatives.values())) - self.known
         self.differentiated = {x for x in flat.derivatives if x not in self.known}
+        self.rates = set(flat.derivatives.values())
         self.solved = []
         self.equations = {}
         self.where = {}
+        self.waiting = {False: [], True: []}  # equations to be tried, the shortest first: without rates, with them
         self.counter = itertools.count()
         for x in [x for x in flat.derivatives if x in self.known]:
             self.symbol(der(x), known=True)
@@ -101,6 +104,8 @@ class _System:
         self.equations[key] = (equation, names)
         for n in names:
             self.where.setdefault(n, set()).add(key)
+        for waiting in self.waiting.values():
+            heapq.heappush(waiting, (len(names), key))
 
     def drop(self, key):
         _, names = self.equations.pop(key)
@@ -145,15 +150,16 @@ class _System:
         if name not in self.differentiated:
             self.differentiated.add(name)
             self.flat.derivatives.setdefault(name, rate)
+            self.rates.add(rate)
         return self.symbol(rate)
 
 
 def _usable(system, coefficient):
     """Whether a coefficient may be divided by: free of unknowns, and never zero within the parameters' bounds."""
-    if system.names(coefficient):
-        return False
+    if coefficient.is_constant():
+        return abs(float(coefficient)) > 1e-12
     names = [s.name() for s in ca.symvar(coefficient)]
-    if not names:
+    if not names:  # of numbers, yet not worked out
         return abs(float(ca.DM(ca.evalf(coefficient)))) > 1e-12
     parameters = system.flat.parameters
     if any(n not in parameters or parameters[n].min == 0 for n in names):
@@ -183,50 +189,37 @@ def _bent(flat):
     return found
 
 
-def _candidates(system, equation, names, prefer, rates_too):
-    """Unknowns that this equation can be solved for, best first, with coefficient."""
-    rates = set(system.flat.derivatives.values())
-    has_rate = bool(names & rates)
-    plain = names - system.differentiated - rates
+def _candidate(system, equation, names, prefer, rates_too):
+    """The best unknown that this equation can be solved for, with its coefficient; or None."""
+    has_rate = bool(names & system.rates)
+    plain = names - system.differentiated - system.rates
     if has_rate and not rates_too:
-        return []
-    found = []
+        return None
     barred = system.bent if names - system.bent else set()  # bent unknowns go by what defines them, or by an alias
-    for n in names - barred:
-        if n in system.differentiated and (has_rate or plain or system.flat.derivatives[n] not in system.unknown):
-            continue
+    found = [(n in prefer, n in system.differentiated, n in system.rates, -n.count("."), -len(n), n) for n in names - barred
+             if n not in system.differentiated
+             or not (has_rate or plain or system.flat.derivatives[n] not in system.unknown)]
+    for *_, n in sorted(found):
         coefficient = ca.simplify(ca.jacobian(equation, system.symbols[n]))
         if coefficient.nnz() and _usable(system, coefficient):
-            found.append((n in prefer, n in system.differentiated, n in rates, -n.count("."), -len(n), n, coefficient))
-    found.sort(key=lambda item: item[:6])
-    return [(item[5], item[6]) for item in found]
+            return n, coefficient
+    return None
 
 
 def _eliminate(system, prefer):
     """Substitute linear equations away, the shortest first; those with rates wait until no other is left."""
-    failed = {False: set(), True: set()}
-    rates_too = False
-    while True:
-        order = sorted((k for k in system.equations if k not in failed[rates_too]),
-                       key=lambda k: (len(system.equations[k][1]), k))
-        progress = False
-        for key in order:
-            equation, names = system.equations[key]
-            if not names:
-                system.drop(key)
-                continue
-            options = _candidates(system, equation, names, prefer, rates_too)
-            if options:
-                _substitute(system, key, *options[0])
-                progress = True
-                break
-            failed[rates_too].add(key)
-        if progress:
-            rates_too = False
-        elif rates_too:
-            return
-        else:
-            rates_too = True
+    while system.waiting[False] or system.waiting[True]:
+        rates_too = not system.waiting[False]
+        _, key = heapq.heappop(system.waiting[rates_too])
+        if key not in system.equations:
+            continue
+        equation, names = system.equations[key]
+        if not names:
+            system.drop(key)
+            continue
+        option = _candidate(system, equation, names, prefer, rates_too)
+        if option is not None:
+            _substitute(system, key, *option)
 
 
 def _substitute(system, key, name, coefficient):
