@@ -119,14 +119,15 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
 
     likely = [f for f in findings if f.p_value < 10 * LEVEL]
     dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in likely[:REFITS]])
-    fitted = list(refitted(likely[:REFITS]))
-    if fitted:
-        best = min(fitted, key=lambda f: f.selection.white.sum())
+    fitted, asked, best = list(refitted(likely[:REFITS])), set(), None
+    while fitted and (best := min(fitted, key=lambda f: f.selection.white.sum())).key not in asked:
+        asked.add(best.key)  # what is fitted for its sake may be better, and has a kin of its own
         effects = {f.effect for f in fitted if twins(base, f, best)}
         fitted += refitted([f for f in findings if f.effect == best.effect and f not in fitted
                             and _unseen(dataset, model, fit, f)])
         akin = scores.akin(best.key, 1 - ALIKE)[:REFITS]
         fitted += refitted([f for f in likely[REFITS:] if (f.effect in effects or f.key in akin) and f not in fitted])
+    if best is not None:
         for f in [f for f in fitted if f.effect == best.effect and f is not best]:
             _refit_from(dataset, model, scores.single, f, best, base.usual)
             if twins(base, f, best):  # a score sees nothing of a share of a loss that the base model takes for none
