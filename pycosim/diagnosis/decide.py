@@ -32,6 +32,7 @@ SLOW, VISIBLE = 2.0, 0.01
 than slow noise. Seventeen worlds with nothing hidden reach 1.2, friction that ebbs, flows or comes and goes 2.2 to 7;
 what a simulation leaves that nobody added noise to is less than a hundredth."""
 NOTHING = "its interval holds zero, so that something else is at work"
+BEHIND = "another predicts more, whose interval holds zero"
 UNSOLVED = "beside the effects of the model it has no answer in closed form"
 CLEAR = 0.1
 """Of the whitened error, from which an effect may predict unseen passes with what they tell of themselves, where the
@@ -110,11 +111,17 @@ def _errors(dataset, model, fit):
 
 
 def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
-    """The first finding that earns it on all samples as well: their fit reaches bounds that a trial does not."""
-    refines = {e.id: e.refines for e in catalogue(dataset.library).values()}
+    """The first finding that earns it on all samples as well: their fit reaches bounds that a trial does not.
+
+    Beside something else that is missing an interval may hold zero. One that predicts less is not chosen in its stead.
+    """
+    refines, ahead = {e.id: e.refines for e in catalogue(dataset.library).values()}, None
     for _ in range(len(rivals)):
         chosen = _decide(findings, rivals, base, refines, steady)
         if chosen is None:
+            break
+        if ahead is not None and not twins(base, chosen, ahead):
+            _give_way(findings, chosen, BEHIND)
             break
         larger = compile_model(dataset.library, model.rig, [*model.keys, chosen.key])
         if not _can_be_searched(dataset, larger):
@@ -122,6 +129,7 @@ def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
             continue
         if fit_to_all(chosen, dataset, larger, model, fit, noise):
             return chosen
+        ahead = ahead or chosen
         _give_way(findings, chosen, NOTHING)
     return None
 

@@ -51,7 +51,7 @@ def smallest(scores, level, matters):
     """The smallest size of each effect at each place that this log would have shown.
 
     Shown in nine logs of ten such that the family-wise p-value is below the level, and enough of the error is taken to
-    matter; of effects with a grid, at the grid point where they show best.
+    matter; of effects with a grid, at the grid point where the smallest size shows.
 
     Parameters
     ----------
@@ -84,13 +84,12 @@ def smallest(scores, level, matters):
             continue
         described = scores.table.described(scores.table.contribution(candidate.effect))
         name = candidate.names[min(int(np.argmin(score.spread)), len(candidate.names) - 1)]
-        share = scores.weight(candidate, size)
         known = best.get(candidate.key)
-        if known is None or share < known["error_share"]:
+        if known is None or size < known["value"]:
             best[candidate.key] = {
                 "effect": candidate.effect.id, "place": candidate.place.name, "coefficient": name, "value": size,
                 "unit": described[name].unit, "at": {k: float(v) for k, v in candidate.grid.items()},
-                "error_share": share}
+                "error_share": scores.weight(candidate, size)}
     return list(best.values())
 
 

@@ -11,7 +11,7 @@ from ..fit import least_squares
 from . import compare, pairs
 from .constancy import allowed, constancy
 from .crossval import difference, select
-from .decide import diagnose
+from .decide import NOTHING, UNSOLVED, diagnose
 from .dependence import dependence
 from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises
@@ -444,8 +444,8 @@ def _grow(dataset, steps, last, seed, progress):
 def _revised(dataset, steps, noise, seed, progress):
     """The ladder with an effect chosen again beside the others, where that predicts unseen folds better; or None.
 
-    One that stays has the alternatives that are left beside the others. The last effect was chosen with all others in
-    the model.
+    One that is refused beside the others is taken out. One that stays has the alternatives that are left there. The
+    last effect was chosen with all others in the model.
     """
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     for out in steps[1:-1]:
@@ -453,7 +453,11 @@ def _revised(dataset, steps, noise, seed, progress):
         keys = [*base.keys, *(s.added for s in rest)]
         model = compile_model(dataset.library, base.rig, keys)
         fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
-        found = diagnose(dataset, model, fit, seed, progress, False).winner
+        told = diagnose(dataset, model, fit, seed, progress, False)
+        found = told.winner
+        if any(c.key == out.added and c.refused not in (None, NOTHING, UNSOLVED) for c in told.candidates):
+            chosen = [] if found is None else [Step(found.key, model, found.fit, {}, {}, found)]
+            return _ladder(dataset, steps[0], [*rest, *chosen])
         if found is None:
             continue
         alternatives = [found.key, *((t["effect"], t["place"]) for t in found.twins)]
