@@ -196,7 +196,8 @@ def _candidate(system, equation, names, prefer, rates_too):
     if has_rate and not rates_too:
         return None
     barred = system.bent if names - system.bent else set()  # bent unknowns go by what defines them, or by an alias
-    found = [(n in prefer, n in system.differentiated, n in system.rates, -n.count("."), -len(n), n) for n in names - barred
+    found = [(n in prefer, n in system.differentiated, n in system.rates, -n.count("."), -len(n), n)
+             for n in names - barred
              if n not in system.differentiated
              or not (has_rate or plain or system.flat.derivatives[n] not in system.unknown)]
     for *_, n in sorted(found):
