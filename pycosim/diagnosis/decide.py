@@ -31,13 +31,15 @@ SLOW, VISIBLE = 2.0, 0.01
 """Squared error of a torque over that of its noise floor, and error over the torque, from which what is left is more
 than slow noise. Seventeen worlds with nothing hidden reach 1.2, friction that ebbs, flows or comes and goes 2.2 to 7;
 what a simulation leaves that nobody added noise to is less than a hundredth."""
+TOO_FEW = "there are too few passes to see whether it predicts one that it was not fitted to"
 NOTHING = "its interval holds zero, so that something else is at work"
 BEHIND = "another predicts more, whose interval holds zero"
 UNSOLVED = "beside the effects of the model it has no answer in closed form"
-CLEAR = 0.1
+CLEAR, FEW = 0.1, 4
 """Of the whitened error, from which an effect may predict unseen passes with what they tell of themselves, where the
 others do not tell the base model; a smaller one must do so with what the others alone tell. Of 16 short logs with
-nothing hidden two had a candidate that took a hundredth; true effects there took a quarter and more."""
+nothing hidden two had a candidate that took a hundredth; true effects there took a quarter and more. One that takes so
+much and predicts no better is disproved by no fewer than so many blocks."""
 MATTERS = 0.05
 """Of the squared error of one channel, that an effect must take. The imperfect form of a larger one leaves as much:
 beside a delay of a gait, found to a tenth of a sample, a hysteresis took 0.04."""
@@ -219,10 +221,11 @@ def _refused(base, finding):
     own = finding.selection
     shares = _shares(base.channels, own.channels)
     told = _predicts(base.channels, own.channels)
-    if told and difference(base.white, own.white)[0] < CLEAR * base.white.sum():
+    clear = difference(base.white, own.white)[0] >= CLEAR * base.white.sum()
+    if told and not clear:
         told = _predicts(base.alone, own.alone)
     if not told:
-        return "no better on passes that it was not fitted to"
+        return TOO_FEW if clear and len(base.white) < FEW else "no better on passes that it was not fitted to"
     share = shares[np.argmax(np.abs(shares))]
     if share < MATTERS:
         return f"too small to matter: {100 * share:.2g} % of the squared error"
@@ -249,6 +252,8 @@ def _verdict(findings, alarm, hidden, dataset, attached):
         return "not_enough_excitation"
     if alarm or any(f.provisional or f.refused == NOTHING for f in findings):
         return "unexplained"
+    if any(f.refused == TOO_FEW for f in findings):
+        return "not_enough_excitation"
     return "nothing_missing"
 
 

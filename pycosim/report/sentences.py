@@ -8,7 +8,7 @@ import numpy as np
 
 from ..compile import component_called
 from ..diagnosis.compare import worded
-from ..diagnosis.decide import SLOW
+from ..diagnosis.decide import SLOW, TOO_FEW
 from ..diagnosis.dependence import ALARM, RARE
 from ..diagnosis.first_look import WORTH
 from ..diagnosis.remainder import HELD_OUT
@@ -599,6 +599,11 @@ def but(best):
 
 
 def _too_little(result, final):
+    unsure = next((c for c in result["candidates"] if c["refused"] == TOO_FEW), None)
+    if unsure:
+        return [f"{unsure['effect']} at {unsure['place']} would explain more than chance does "
+                f"(p = {number(unsure['p_value'])}), and these data hold too few passes to see whether it predicts one "
+                "that it was not fitted to. Log more passes.", _at_floor(result)]
     return ["These data move too little, or too much alike, to tell whether an effect is missing; see below what each "
             "effect needs.", _at_floor(result)]
 
