@@ -313,6 +313,22 @@ def catalogue(library):
     return library.memo("catalogue", lambda: dict(_effects(library)))
 
 
+def corrections(library):
+    """Effects that correct another, by id.
+
+    Parameters
+    ----------
+    library : Library
+        Of `catalogue`.
+
+    Returns
+    -------
+    dict of str to str
+        To the id of the effect that is meant where the data cannot tell the two apart.
+    """
+    return {e.id: e.refines for e in catalogue(library).values() if e.refines}
+
+
 def ranked(library):
     """Effects that stand in a ranking: all but those that are added by name alone.
 

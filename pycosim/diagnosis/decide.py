@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from ..compile import catalogue, compile_model
+from ..compile import compile_model, corrections
 from ..core.errors import PycosimError
 from . import first_look
 from .compare import errors
@@ -117,7 +117,7 @@ def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
 
     Beside something else that is missing an interval may hold zero. One that predicts less is not chosen in its stead.
     """
-    refines, ahead = {e.id: e.refines for e in catalogue(dataset.library).values()}, None
+    refines, ahead = corrections(dataset.library), None
     for _ in range(len(rivals)):
         chosen = _decide(findings, rivals, base, refines, steady)
         if chosen is None:
@@ -188,7 +188,7 @@ def _decide(findings, rivals, base, refines, steady):
     for other in by_kind(others):
         best.twins.append({"effect": other.effect, "place": other.place})
         other.twins.append({"effect": best.effect, "place": best.place})
-    best.contested = constant and too_many(best)  # one that varies is none of them
+    best.contested = constant and too_many(best, refines)  # one that varies is none of them
     best.accepted = constant and not best.contested
     best.provisional = not best.accepted
     return best
@@ -196,10 +196,11 @@ def _decide(findings, rivals, base, refines, steady):
 
 def _considered(rivals, earned, best, base, refines, steady):
     """What is said where a finding is the best: it or what it corrects, alternatives, and whether it is constant."""
-    others = [f for f in rivals if f is not best and f.refused not in (NOTHING, UNSOLVED) and twins(base, f, best)]
+    able = [f for f in rivals if f.refused not in (NOTHING, UNSOLVED)]
+    others = [f for f in able if f is not best and twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and twins(base, f, best, 3.0)), None)
     if plain is not None and steady(plain):  # a correction is not claimed where the effect itself does nearly as well
-        return plain, [best, *[t for t in others if t is not plain]], True
+        return plain, [f for f in able if f is not plain and (f is best or f in others or twins(base, f, plain))], True
     return best, others, bool(steady(best))
 
 

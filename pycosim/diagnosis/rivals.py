@@ -126,18 +126,23 @@ def by_kind(findings):
     return [f for _, f in sorted(zip(ranks, findings), key=lambda pair: pair[0])]
 
 
-def too_many(finding):
+def too_many(finding, refines):
     """Whether so many others do as well as a finding that none of them is a name.
 
-    Few effects at many places are no such case: one that acts at one stage or at another is known.
+    Few effects at many places are no such case: one that acts at one stage or at another is known. Nor is a correction
+    of an effect that is among them one more: it does as well because that does.
 
     Parameters
     ----------
     finding : Finding
         With its alternatives.
+    refines : dict of str to str
+        By effect, what it is a correction of.
 
     Returns
     -------
     bool
     """
-    return len(finding.twins) > CONTESTED and len({finding.effect, *(t["effect"] for t in finding.twins)}) > KINDS
+    named = {finding.effect, *(t["effect"] for t in finding.twins)}
+    kinds = {e for e in named if refines.get(e) not in named}
+    return sum(t["effect"] in kinds for t in finding.twins) > CONTESTED and len(kinds) > KINDS

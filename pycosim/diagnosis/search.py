@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field, replace
 
-from ..compile import compile_model, find_effect, find_place, places
+from ..compile import compile_model, corrections, find_effect, find_place, places
 from ..core.errors import PycosimError, StudyError
 from ..fit import least_squares
 from . import compare, pairs
@@ -343,7 +343,8 @@ def _named(dataset, steps, noise, known, progress):
     Those of steps that had too many are told anew, beside the others.
     """
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
-    for step in [s for s in steps[known:] if too_many(s.finding)]:
+    refines = corrections(dataset.library)
+    for step in [s for s in steps[known:] if too_many(s.finding, refines)]:
         rest = [*base.keys, *(s.added for s in steps[1:] if s is not step)]
         without = compile_model(dataset.library, base.rig, rest)
         here, full = fulls.beside(without)
@@ -361,7 +362,7 @@ def _named(dataset, steps, noise, known, progress):
             if alike(alone, select(here, larger, fitted, noise, full.usual), full):
                 twins.append(twin)
         step.finding = replace(step.finding, twins=twins)
-    return next((k for k, s in enumerate(steps) if k >= known and too_many(s.finding)), len(steps))
+    return next((k for k, s in enumerate(steps) if k >= known and too_many(s.finding, refines)), len(steps))
 
 
 def _shortfall(dataset, steps, noise, known, seed):

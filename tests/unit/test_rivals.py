@@ -52,10 +52,12 @@ def test_so_many_effects_leave_no_name_but_many_places_of_a_few_do():
         return Finding("viscous", "1A", twins=[{"effect": e, "place": p} for e in effects for p in places])
 
     others = ["stribeck", "presliding", "cross_load", "payload", "torque_offset", "low_pass"][:CONTESTED + 1]
-    assert not too_many(with_twins(others[:CONTESTED], ["1A"]))
-    assert too_many(with_twins(others, ["1A"]))
-    assert not too_many(with_twins(others[:KINDS - 1], ["1A", "1B", "2B"]))
-    assert too_many(with_twins(others[:KINDS], ["1A", "1B"]))
+    assert not too_many(with_twins(others[:CONTESTED], ["1A"]), {})
+    assert too_many(with_twins(others, ["1A"]), {})
+    assert not too_many(with_twins(others[:KINDS - 1], ["1A", "1B", "2B"]), {})
+    assert too_many(with_twins(others[:KINDS], ["1A", "1B"]), {})
+    assert not too_many(with_twins(others, ["1A"]), {"stribeck": "viscous"}), "it does as well because that does"
+    assert too_many(with_twins(others, ["1A"]), {"stribeck": "time_delay"}), "which is not among them"
 
 
 def test_what_one_fold_alone_tells_leaves_no_rounding_in_the_others():
