@@ -20,5 +20,5 @@ from .parse import Library, shared_library
 from .solve import solve
 
 __all__ = ["FILTERED", "ArrayFunction", "Effect", "Library", "Model", "Place", "Question", "catalogue", "compile_model",
-           "component_called", "component_name", "corrections", "extend", "find_effect", "find_place", "places", "potentials",
-           "ranked", "shared_library", "solve"]
+           "component_called", "component_name", "corrections", "extend", "find_effect", "find_place", "places",
+           "potentials", "ranked", "shared_library", "solve"]
