@@ -11,6 +11,6 @@ equation
   c = 2 * (1 - friction.mu) / (1 + friction.mu);
   m = max(-c, min(c, mu_dif));
   h * der(z) = friction.w - abs(friction.w) * z;
-  annotation(__pycosim(size="mu_dif", scan="h:travel", needs="reversals",
+  annotation(__pycosim(size="mu_dif", scan="h:travel", refines="presliding", needs="reversals",
     experiment="reverse under load, slowly, many times"));
 end LoadHysteresis;
