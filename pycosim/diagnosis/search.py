@@ -262,6 +262,7 @@ def improve(dataset, model=None, seed=0, progress=None):
         revised = _revised(dataset, steps, last.noise, seed, progress)
         if revised is None and last.verdict == "unexplained":
             revised = _exchanged(dataset, steps, last.noise, seed, progress)
+        revised = revised or _spared(dataset, steps, last.noise, seed, progress)
         if revised is None:
             break
         steps = revised
@@ -353,13 +354,8 @@ def _named(dataset, steps, noise, known, progress):
         for twin in (t for t in step.finding.twins if (t["effect"], t["place"]) not in rest):
             if progress:
                 progress(f"refitting with {twin['effect']} at {twin['place']} beside what was found")
-            try:
-                larger = compile_model(dataset.library, base.rig, [*rest, (twin["effect"], twin["place"])])
-                fitted = least_squares.fit(here, larger, nudged(dict(lacking.parameters), larger, None), most=TRIAL,
-                                           noise=noise)
-            except PycosimError:  # beside the others it leaves no motion, or no answer in closed form
-                continue
-            if alike(alone, select(here, larger, fitted, noise, full.usual), full):
+            one = _beside(here, without, lacking, (twin["effect"], twin["place"]), noise, full.usual)
+            if one is not None and alike(alone, one, full):
                 twins.append(twin)
         step.finding = replace(step.finding, twins=twins)
     return next((k for k, s in enumerate(steps) if k >= known and too_many(s.finding, refines)), len(steps))
@@ -498,6 +494,41 @@ def _exchanged(dataset, steps, noise, seed, progress):
         return None
     path = _joined(dataset, steps[0], *best[1:])
     return path if _shortfall(dataset, path, noise, 1, seed) <= 1.0 else None
+
+
+def _spared(dataset, steps, noise, seed, progress):
+    """The ladder with one effect less, where an alternative of another makes it superfluous; or None.
+
+    Of two that do as well, the one that is chosen by luck may leave a remainder that the other does not, for which a
+    further effect was found.
+    """
+    base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
+    for out, other in itertools.permutations(steps[1:], 2):
+        rest = [s for s in steps[1:] if s not in (out, other)]
+        without = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
+        here, full = fulls.beside(without)
+        lacking = least_squares.fit(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
+        alone = select(here, without, lacking, noise, full.usual)
+        for twin in ((t["effect"], t["place"]) for t in other.finding.twins):
+            one = _beside(here, without, lacking, twin, noise, full.usual)
+            if one is None or not alike(alone, one, full):
+                continue
+            fit = least_squares.fit(dataset, without, steps[-1].fit.parameters)
+            found = diagnose(dataset, without, fit, seed, progress, False).winner
+            if found and twin in (found.key, *((t["effect"], t["place"]) for t in found.twins)):
+                return _ladder(dataset, steps[0], [*rest, Step(found.key, without, found.fit, {}, {}, found)])
+    return None
+
+
+def _beside(dataset, without, lacking, key, noise, usual):
+    """The errors on unseen folds of a fitted model with an effect more; None where it has no answer."""
+    try:
+        larger = compile_model(dataset.library, without.rig, [*without.keys, key])
+        fitted = least_squares.fit(dataset, larger, nudged(dict(lacking.parameters), larger, None), most=TRIAL,
+                                   noise=noise)
+    except PycosimError:  # beside the others it leaves no motion, or no answer in closed form
+        return None
+    return select(dataset, larger, fitted, noise, usual)
 
 
 def _gained(fulls, pair):
