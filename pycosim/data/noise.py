@@ -281,7 +281,7 @@ def fit_noise(residual, chain, absorbed=None):
     Means over short stretches hold what is known of the slow part, the scatter within them what is known of the white
     part; both have closed forms for exponential correlation. Behind a filter, noise has two memories, of which single
     samples tell the shorter one. Where means over longer stretches prove that noise wrong, the noise that they tell of
-    is taken: effects are slow.
+    is taken, but for what is white: of that the means know next to nothing where much is slow. Effects are slow.
 
     Parameters
     ----------
@@ -312,7 +312,10 @@ def fit_noise(residual, chain, absorbed=None):
     if coarse is None:
         return found
     other = _told_by(coarse) or Noise(math.sqrt(coarse.evaluate((-50.0, math.log(coarse.least)))[1]))
-    return other if coarse.unlikely(found) > coarse.unlikely(other) + PROVED else found
+    if coarse.unlikely(found) <= coarse.unlikely(other) + PROVED:
+        return found
+    between = math.sqrt(np.mean(np.diff(residual)[chain.gaps[1:] == means.step] ** 2) / 2)  # at least what is white
+    return replace(other, white=max(other.white, min(found.white, between)))
 
 
 def _told_by(means):

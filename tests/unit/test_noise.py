@@ -135,3 +135,12 @@ def test_noise_behind_a_filter_has_two_memories_and_effects_meet_the_longer_one(
     told = [f.white ** 2 * step + 2 * f.slow ** 2 * f.memory for f in found]
     assert np.median(told) == pytest.approx(mean, rel=0.35)
     assert 0.25 < np.median([f.memory for f in found]) < 1.2
+
+
+@pytest.mark.parametrize("period", [1.0, 2.5, 5.0])
+def test_what_is_smooth_and_missing_takes_nothing_of_the_white_noise(period):
+    """Means over stretches tell of it as slow noise, and of white noise beside it next to nothing."""
+    time = 0.005 * np.arange(7000)
+    for seed in range(3):
+        values = 0.11 * np.random.default_rng(seed).standard_normal(len(time)) + 0.3 * np.sin(2 * np.pi * time / period)
+        assert fit_noise(values, chained(time, np.zeros(len(time), int), False)).white == pytest.approx(0.11, rel=0.06)
