@@ -15,7 +15,7 @@ from .decide import NOTHING, UNSOLVED, diagnose
 from .dependence import dependence
 from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises
-from .rivals import SEPARATE, alike, too_many
+from .rivals import PLAIN, SEPARATE, alike, too_many
 from .trials import TRIAL, nudged
 
 MOST = 6  # effects that one search may add
@@ -508,16 +508,25 @@ def _spared(dataset, steps, noise, seed, progress):
         without = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
         here, full = fulls.beside(without)
         lacking = least_squares.fit(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
-        alone = select(here, without, lacking, noise, full.usual)
         for twin in ((t["effect"], t["place"]) for t in other.finding.twins):
             one = _beside(here, without, lacking, twin, noise, full.usual)
-            if one is None or not alike(alone, one, full):
+            if one is None or not _as_good(one, full):
                 continue
             fit = least_squares.fit(dataset, without, steps[-1].fit.parameters)
-            found = diagnose(dataset, without, fit, seed, progress, False).winner
-            if found and twin in (found.key, *((t["effect"], t["place"]) for t in found.twins)):
-                return _ladder(dataset, steps[0], [*rest, Step(found.key, without, found.fit, {}, {}, found)])
+            told = diagnose(dataset, without, fit, seed, progress, False)
+            known = [told.winner.key, *((t["effect"], t["place"]) for t in told.winner.twins)] if told.winner else []
+            if twin in known:
+                others = [{"effect": e, "place": p} for e, p in known if (e, p) != twin]
+                chosen = replace(next(c for c in told.candidates if c.key == twin), accepted=True, twins=others)
+                step = Step(twin, without, chosen.fit, {}, {}, chosen)
+                return _ladder(dataset, steps[0], [step if s is other else s for s in steps[1:] if s is not out])
     return None
+
+
+def _as_good(one, full):
+    """Whether unseen folds do not tell a model with less from one with more, in the plain error by little at that."""
+    gaps = [difference(getattr(one, kind), getattr(full, kind)) for kind in ("white", "raw")]
+    return all(rise <= SEPARATE * spread for rise, spread in gaps) and gaps[1][0] < PLAIN * full.raw.sum()
 
 
 def _beside(dataset, without, lacking, key, noise, usual):
