@@ -144,5 +144,4 @@ def too_many(finding, refines):
     bool
     """
     named = {finding.effect, *(t["effect"] for t in finding.twins)}
-    kinds = {e for e in named if refines.get(e) not in named}
-    return sum(t["effect"] in kinds for t in finding.twins) > CONTESTED and len(kinds) > KINDS
+    return sum(refines.get(t["effect"]) not in named for t in finding.twins) > CONTESTED and len(named) > KINDS
