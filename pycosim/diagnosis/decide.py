@@ -35,6 +35,7 @@ TOO_FEW = "there are too few passes to see whether it predicts one that it was n
 NOTHING = "its interval holds zero, so that something else is at work"
 BEHIND = "another predicts more, whose interval holds zero"
 UNSOLVED = "beside the effects of the model it has no answer in closed form"
+OPEN = TOO_FEW, NOTHING, BEHIND, UNSOLVED  # reasons that do not say that a candidate is not what is missing
 CLEAR, FEW = 0.1, 4
 """Of the whitened error, from which an effect may predict unseen passes with what they tell of themselves, where the
 others do not tell the base model; a smaller one must do so with what the others alone tell. Of 16 short logs with

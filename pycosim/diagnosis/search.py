@@ -11,7 +11,7 @@ from ..fit import least_squares
 from . import compare, pairs
 from .constancy import allowed, constancy
 from .crossval import difference, select
-from .decide import NOTHING, UNSOLVED, diagnose
+from .decide import OPEN, diagnose
 from .dependence import dependence
 from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises
@@ -452,7 +452,7 @@ def _revised(dataset, steps, noise, seed, progress):
         fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
         told = diagnose(dataset, model, fit, seed, progress, False)
         found = told.winner
-        if any(c.key == out.added and c.refused not in (None, NOTHING, UNSOLVED) for c in told.candidates):
+        if any(c.key == out.added and c.refused not in (None, *OPEN) for c in told.candidates):
             chosen = [] if found is None else [Step(found.key, model, found.fit, {}, {}, found)]
             return _ladder(dataset, steps[0], [*rest, *chosen])
         if found is None:

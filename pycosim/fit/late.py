@@ -13,7 +13,7 @@ import numpy as np
 from ..compile import component_name
 from .bounded import bounded
 
-REACH, LATEST = 40, 0.2  # samples, and s, either way that a delay is looked for within, where nothing is known of it
+REACH = 40  # samples either way that a delay is looked for within its bounds, where nothing is known of it
 NEAR = 6  # samples either way of where it is known to be
 MOST = 15000  # samples that delays are tried on
 PRESSED = 3.84  # fall of twice the log-likelihood at the ends of a 95 % interval
@@ -69,8 +69,7 @@ def found(dataset, model, fit, names, part, known, again):
         return fit
     for name in names:
         profile = Profile(dataset, model, fit, name, part, step)
-        reach = min(REACH, int(LATEST / step))
-        tried = [known[name]] if name in known else step * np.arange(-reach, reach + 1)
+        tried = [known[name]] if name in known else step * np.arange(-REACH, REACH + 1)
         nearest = min((profile.at, *(d for d in tried if profile.low < d < profile.high)), key=profile.left)
         for _ in range(ROUNDS):
             if abs(nearest - profile.at) > step:

@@ -598,8 +598,23 @@ def but(best):
     return f", but it is refused: {best['refused']}" if best["p_value"] < LEVEL and best.get("refused") else ""
 
 
+def unconfirmed(result):
+    """The first candidate that the data hold too few passes to confirm.
+
+    Parameters
+    ----------
+    result : dict
+        ``diagnosis.json``.
+
+    Returns
+    -------
+    dict or None
+    """
+    return next((c for c in result["candidates"] if c.get("refused") == TOO_FEW), None)
+
+
 def _too_little(result, final):
-    unsure = next((c for c in result["candidates"] if c["refused"] == TOO_FEW), None)
+    unsure = unconfirmed(result)
     if unsure:
         return [f"{unsure['effect']} at {unsure['place']} would explain more than chance does "
                 f"(p = {number(unsure['p_value'])}), and these data hold too few passes to see whether it predicts one "

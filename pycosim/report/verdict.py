@@ -91,6 +91,9 @@ class Verdict:
         if contested:
             kinds = {c["effect"] for c in [contested, *contested["twins"]]}
             return f"Something is missing, and {len(kinds)} effects explain it equally well"
+        unsure = self.first["verdict"] == "not_enough_excitation" and sentences.unconfirmed(self.first)
+        if unsure:
+            return f"Too few passes to tell whether the model lacks {_named(unsure['effect'], unsure['place'])}"
         return {"nothing_missing": "Nothing is missing that these data could show",
                 "unexplained": "Something is missing that no effect of the library explains",
                 "not_enough_excitation": "These data move too little, or too much alike, to tell",

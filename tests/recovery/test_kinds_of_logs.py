@@ -202,3 +202,26 @@ def test_what_many_do_equally_well_hides_nothing_beside_it(tmp_path):
     """A gain of the reference is one of seven here; the preload beside it is found."""
     first, last, found, shown = hidden("reference_gain:configuration_preload:2.4:2600", tmp_path)
     assert (first, last, found) == ("missing_effect", "unexplained", [("configuration_preload", "1A")]), shown
+
+
+def test_two_passes_that_cannot_confirm_a_clear_delay_are_too_few_and_not_nothing(tmp_path):
+    first, last, found, shown = hidden("short:time_delay:2.4:3201", tmp_path)
+    assert (first, last, found) == ("not_enough_excitation", "not_enough_excitation", []), shown
+
+
+def test_the_effects_that_spare_another_are_taken(tmp_path):
+    """An inertia and a wrong zero of the reference, without a third."""
+    first, _, found, shown = hidden("reference_zero:rotor_inertia:1.3:3600", tmp_path)
+    assert first == "missing_effect", shown
+    assert set(found) == {("reference_zero", "hip"), ("rotor_inertia", "motor1+motor2")}, shown
+
+
+def test_a_correction_is_not_named_where_what_it_corrects_does_as_well(tmp_path):
+    first, _, found, shown = hidden("motor_encoders:direction_asymmetry:1.3:3600", tmp_path)
+    assert first == "missing_effect" and found[0][0] == "direction_asymmetry", shown
+
+
+def test_a_ripple_is_found_beside_a_wrong_mass_of_the_reference(tmp_path):
+    """The noise that means over 16 samples told of had taken it for chance."""
+    first, _, found, shown = hidden("reference_mass:torque_ripple:1.7:3601", tmp_path)
+    assert first == "missing_effect" and ("torque_ripple", "motor2") in found, shown
