@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pycosim as pc
 from benchmarks.hidden_effects import machine as rig
 from benchmarks.hidden_effects.cases import Case, draw, same
 from benchmarks.real_logs.make import make
@@ -205,8 +206,11 @@ def test_what_many_do_equally_well_hides_nothing_beside_it(tmp_path):
 
 
 def test_two_passes_that_cannot_confirm_a_clear_delay_are_too_few_and_not_nothing(tmp_path):
-    first, last, found, shown = hidden("short:time_delay:2.4:3201", tmp_path)
-    assert (first, last, found) == ("not_enough_excitation", "not_enough_excitation", []), shown
+    found = pc.open(make("short:time_delay:2.4:3201", tmp_path, quick=True)).improve()
+    assert found.first.verdict == "not_enough_excitation" and len(found.steps) == 1
+    page = found.report(tmp_path / "report.html").read_text()
+    assert "Too few passes to tell whether the model lacks time delay at torque" in page
+    assert "so that 4 passes at least can be fitted" in page
 
 
 def test_the_effects_that_spare_another_are_taken(tmp_path):
