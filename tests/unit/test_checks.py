@@ -160,6 +160,17 @@ def test_what_warms_up_or_stays_late_is_no_drifting_clock(case, library, tmp_pat
     assert not checked(library, asked).blocking
 
 
+@pytest.mark.parametrize("seed", [1500, 1600, 1801, 1802])
+@pytest.mark.long
+def test_a_clock_that_drifts_for_a_minute_is_told_beside_slow_noise(seed, library, tmp_path):
+    """The errors with noise apart fall by a fifth only: slow noise is in them."""
+    found = checked(library, load_study(make(f"mistake:clock:1:{seed}", tmp_path, quick=True)))
+    clock, = found.blocking
+    assert clock.kind == "clock" and set(clock.columns) == {"tau1", "tau2"}
+    drift = float(re.search(r"clock = ([\d.]+)", clock.mend)[1]) - 1
+    assert 0.002 < drift < 0.004, clock.mend
+
+
 def test_an_encoder_in_slow_motion_is_not_stuck(library, tmp_path):
     asked = load_study(make("ordinary_digital:torque_offset:1.7:1921", tmp_path, quick=True))
     assert not checked(library, asked).blocking

@@ -90,6 +90,11 @@ class Readings:
         return np.concatenate([t[p] for t, p in zip(self.times, self.picks)])
 
     @property
+    def elapsed(self):
+        """Times of the samples since their run began [s]."""
+        return np.concatenate([t[p] - t[0] for t, p in zip(self.times, self.picks)])
+
+    @property
     def run(self):
         """Run of each sample."""
         return np.concatenate([np.full(p.size, k) for k, p in enumerate(self.picks)])

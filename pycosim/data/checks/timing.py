@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -19,17 +20,25 @@ _FASTEST = 0.01
 """Part by which a clock may run fast or slow."""
 _BETTER = 0.9
 """Factor by which the error of some channel must fall at least for a shift to be worth a word."""
-_FALLEN, _DRIFTED = 1.5, 1.12
-"""Factors by which a drift must lower the error of some channel, and all together further than any shift does: only
-then two clocks are the reason."""
+_FALLEN = 1.5
+"""Factor by which the error of some channel must fall for a shift of less than a sample and a half."""
+_AGED = 1.12
+"""Factor by which a drift must leave less than a machine that changes over time."""
 _ALONE = 3.0
 """Factor by which a drift of one column of several of its kind must lower an error: they come from one device mostly,
 and friction at one of two motors may look like it."""
-_STAYING = 9
-"""Lags that stay, up to that at the end, which one that grows must beat after a fit to each."""
+_STRETCHES, _DELAYS, _OUT = 8, 33, 16.0
+"""Parts of the time of the logs that each say how late columns come, out of so many delays; and squared residuals, over
+the square of their median, from which a sample counts no more."""
+_ROUNDS = 4
+"""Of the drift and the lags that are left."""
+_KNOWN, _CLOSER = 6.0, 0.6
+"""Stretches may be off, in the median, by this part of what a drift makes at the end of a log; and in the mean, by this
+share of what they are off beside any shift."""
 _SURE = 8.0
 """Least gain of the logarithm of the likelihood."""
 _APART = 0.05  # s that a drifting clock is off at the end at least
+_ANEW, _STUCK = 3, 0.1  # searches at most, and fall of a relation's cost from which one more is begun
 _FEW = 600  # samples of a first trial
 _SEEN = 0.015
 """Relative error from which a relation may tell of times: a load's model is no better."""
@@ -39,6 +48,11 @@ _TINY = 1e-4  # relative error below which less is no better
 def _logarithms(errors):
     """Sum of the logarithms of relative errors; one that is no number counts as one that is large."""
     return sum(math.log(max(min(e, 2.0), _TINY)) if np.isfinite(e) else 1.0 for e in errors)
+
+
+def _cost(agreement):
+    """Sum of the logarithms of the relative errors of all channels, noise apart."""
+    return _logarithms(agreement.smooth.values())
 
 
 class Timing:
@@ -63,6 +77,7 @@ class Timing:
     def __init__(self, readings, sources, relations, holds, columns, group):
         self.readings, self.sources, self.relations = readings, sources, relations
         self.holds, self.columns, self.group = holds, columns, group
+        self.valleys = defaultdict(list)  # parameters that other trials ended in, by relation
         self.step = float(np.median(np.concatenate([np.diff(t) for t in readings.times])))
         self.length = max(float(t[-1] - t[0]) for t in readings.times)
 
@@ -103,21 +118,60 @@ class Timing:
         for k, relation in enumerate(self.relations):
             if set(names) & relation.variables:
                 if isinstance(relation, RateRelation) or relation.level:
-                    errors = [relation.hold(self.readings, s, self.holds[k].x).smooth.values() for s in tried]
+                    total += [_cost(relation.hold(self.readings, s, self.holds[k].x)) for s in tried]
                 else:
-                    errors = self._errors(relation, self.holds[k], tried)
-                total += [_logarithms(e) for e in errors]
+                    total += [_logarithms(e) for e in self._errors(relation, self.holds[k], tried)]
         return total
 
     def _errors(self, relation, old, tried):
-        """Errors of each channel of a relation, trial by trial; all trials are evaluated at once."""
-        n, pairs = self.readings.time.size, self.readings.partners
+        """Errors of each channel of a relation, trial by trial."""
+        pairs = self.readings.partners
         first, second = (p[old.used[pairs[0]] & old.used[pairs[1]]] for p in pairs)
+        return [[shared(row, first, second) / old.spread[c] for c, row in zip(relation.channels, rows)]
+                for rows in self._residuals(relation, old, tried)]
+
+    def _residuals(self, relation, old, tried):
+        """Residuals of a relation, (channels, samples) for each trial; all trials are evaluated at once."""
+        n = self.readings.time.size
         rows = zip(*(relation.arguments(self.readings, s) for s in tried))
         stacked = [np.concatenate(row) if isinstance(row[0], np.ndarray) else row[0] for row in rows]
         y = relation.evaluate(stacked, old.x, n * len(tried), False)[0].reshape(-1, len(tried), n)
-        return [[shared(row, first, second) / old.spread[c] for c, row in zip(
-            relation.channels, relation.measured(self.readings, s) - y[:, k])] for k, s in enumerate(tried)]
+        return [relation.measured(self.readings, s) - y[:, k] for k, s in enumerate(tried)]
+
+    def _lags(self, names, shift, drift, holds):
+        """Times of stretches, since their run began, and how late columns come there beside a shift and a drift.
+
+        Each stretch answers for itself, with the parameters of all. Slow noise, which hides in the errors what a drift
+        brings, scatters the answers, and does not line them up.
+        """
+        delays, left, used = np.linspace(-_LATEST, _LATEST, _DELAYS), 0.0, np.zeros(self.readings.time.size, bool)
+        tried = [with_change(self.sources, {n: Source(n, 1.0, shift + d, drift) for n in names}) for d in delays]
+        for relation, held in ((self.relations[k], h) for k, h in holds.items()):
+            if isinstance(relation, ModelRelation) and not relation.level and held.used.any():
+                sizes = np.maximum(np.median(np.abs(held.residual[:, held.used]), axis=1), 1e-300)[:, None]
+                left = left + np.array([np.minimum((r / sizes) ** 2, _OUT).sum(0) * held.used for r in
+                                        self._residuals(relation, held, tried)])
+                used |= held.used
+        if not used.any():
+            return np.zeros(_STRETCHES), np.zeros(_STRETCHES)
+        time = self.readings.elapsed
+        stretch = np.searchsorted(np.quantile(time[used], np.linspace(0, 1, _STRETCHES + 1)[1:-1]), time)
+        parts = [used & (stretch == k) for k in range(_STRETCHES)]
+        return np.array([time[p].mean() for p in parts]), delays[[np.argmin(left[:, p].sum(1)) for p in parts]]
+
+    def _straightened(self, drifted):
+        """A drift beside which stretches of the logs come later no more, as far as they say."""
+        names, drift, tried = drifted[1], drifted[3], []
+        for _ in range(_ROUNDS):
+            found = self._gained(names, 0.0, drift)
+            times, lags = self._lags(names, 0.0, drift, found[4])
+            tried.append((float(np.mean(np.abs(lags))), found))
+            if not times.all():
+                break
+            # least absolute deviations from a line; the clock is right where a run begins
+            order = np.argsort(lags / times)
+            drift += (lags / times)[order[np.searchsorted(np.cumsum(times[order]), 0.5 * times.sum())]]
+        return min(tried, key=lambda t: t[0])[1]
 
     def fitted(self, names, shift, drift):
         """The cost of a shift and a drift after a fit of the model's parameters, and how well the relations hold then.
@@ -136,9 +190,13 @@ class Timing:
             By relation that the columns are in.
         """
         sources = with_change(self.sources, {n: Source(n, 1.0, shift, drift) for n in names})
-        holds = {k: r.hold(self.readings, sources, self.holds[k].x) for k, r in enumerate(self.relations)
-                 if set(names) & r.variables}
-        return sum(_logarithms(h.smooth.values()) for h in holds.values()), holds
+        holds = {k: self._held(k, sources) for k, r in enumerate(self.relations) if set(names) & r.variables}
+        return sum(_cost(h) for h in holds.values()), holds
+
+    def _held(self, k, sources):
+        """How well a relation holds after the best of the fits from where others ended."""
+        return min((self.relations[k].hold(self.readings, sources, x) for x in (self.holds[k].x, *self.valleys[k])),
+                   key=_cost)
 
     def _search(self, costs, low, high, points):
         """Least of a function on a grid, then twice within the neighbours."""
@@ -151,10 +209,29 @@ class Timing:
     def best(self):
         """The shift and the drift that explain most, each with what it does.
 
+        Where a fit from what one of them ended in holds better without any, the fits so far were stuck.
+
         Returns
         -------
         shifted, drifted : tuple of (gain, names, shift, drift, holds), or None
         """
+        for _ in range(_ANEW):
+            found = self._tried()
+            for k, h in [item for f in found if f for item in f[4].items()]:
+                self.valleys[k].append(h.x)
+            anew = {k: self._held(k, self.sources) for k in self.valleys}
+            stuck = any(_cost(self.holds[k]) - _cost(h) > _STUCK for k, h in anew.items())
+            self.holds = {**self.holds, **anew}
+            if not stuck:
+                break
+        return tuple(f and self._gained(*f[1:4]) for f in found)
+
+    def _gained(self, names, shift, drift):
+        base = self.fitted(names, 0.0, 0.0)[0]
+        cost, holds = self.fitted(names, shift, drift)
+        return base - cost, names, shift, drift, holds
+
+    def _tried(self):
         shifted, drifted = [], []
         steps = min(161, max(9, int(2 * _FASTEST * self.length / 0.15) | 1))
         rough = Timing(self.readings.thinned(_FEW), self.sources, self.relations, None, self.columns, self.group)
@@ -176,7 +253,6 @@ class Timing:
         """The best of the first few, after a fit of the model to each."""
         found = []
         for _, names, shift, drift in sorted(tried, key=lambda t: -t[0])[:3]:
-            base = self.fitted(names, 0.0, 0.0)[0]
             given = self.holds
             for span in (1.0, 0.3):  # parameters and time in turn
                 self.holds = {**given, **self.fitted(names, shift, drift)[1]}
@@ -189,8 +265,7 @@ class Timing:
                     shift = self._search(lambda grid: self.costs(names, [(d, 0.0) for d in grid]),  # noqa: B023
                                          shift - span, shift + span, 5)
             self.holds = given
-            cost, holds = self.fitted(names, shift, drift)
-            found.append((base - cost, names, shift, drift, holds))
+            found.append(self._gained(names, shift, drift))
         if not found:
             return None
         best = max(f[0] for f in found)
@@ -204,6 +279,7 @@ class Timing:
         list of Finding
         """
         shifted, drifted = self.best()
+        drifted = drifted and self._straightened(drifted)
         if drifted is not None and self._drifts(shifted, drifted):
             _, names, _, drift, holds = drifted
             _, likelihood, before, after = self._worth(holds)
@@ -223,20 +299,17 @@ class Timing:
                         mend)]
 
     def _drifts(self, shifted, drifted):
-        """Whether a lag that grows explains more than one that stays, of any columns or of the same ones."""
+        """Whether the columns come the later the longer the log, and no shift says as much of when they come."""
         falls, likelihood, *_ = self._worth(drifted[4])
-        gain, names, _, drift, holds = drifted
-        most, independent = abs(drift) * self.length, min(_independent(a) for a in holds.values())
-
-        def clear(other):
-            return gain - other > math.log(_DRIFTED) and (gain - other) * independent > _SURE
+        _, names, _, drift, holds = drifted
+        most = abs(drift) * self.length
         alone = len(names) == 1 and any(names[0] in members and len(members) > 1 for members in self.group.values())
-        if not (falls > (_ALONE if alone else _FALLEN) and likelihood > _SURE and most > _APART
-                and clear(shifted[0] if shifted else 0.0) and self._ageing(holds) > math.log(_DRIFTED)):
+        if (alone and falls < _ALONE) or likelihood < _SURE or most < _APART or self._ageing(holds) < math.log(_AGED):
             return False
-        base = self.fitted(names, 0.0, 0.0)[0]
-        return all(clear(base - self.fitted(names, math.copysign(s, drift), 0.0)[0])
-                   for s in np.linspace(0.0, min(most, _LATEST), _STAYING)[1:])
+        beside = np.abs(self._lags(names, 0.0, drift, holds)[1])
+        stays = [np.abs(self._lags(names, s, 0.0, self.fitted(names, s, 0.0)[1])[1])
+                 for s in (0.0, *([shifted[2]] if shifted else []), math.copysign(min(0.5 * most, _LATEST), drift))]
+        return np.median(beside) < most / _KNOWN and all(np.mean(beside) < _CLOSER * np.mean(s) for s in stays)
 
     def _ageing(self, drifted):
         """By how much less a drifting clock leaves than a machine that warms up: logarithm of the errors' ratio.
