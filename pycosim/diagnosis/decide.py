@@ -13,6 +13,7 @@ import numpy as np
 
 from ..compile import compile_model, corrections
 from ..core.errors import PycosimError
+from ..fit.late import endless
 from . import first_look
 from .compare import errors
 from .constancy import allowed, constancy
@@ -33,9 +34,11 @@ than slow noise. Seventeen worlds with nothing hidden reach 1.2, friction that e
 what a simulation leaves that nobody added noise to is less than a hundredth."""
 TOO_FEW = "there are too few passes to see whether it predicts one that it was not fitted to"
 NOTHING = "its interval holds zero, so that something else is at work"
-BEHIND = "another predicts more, whose interval holds zero"
+ENDLESS = "its best value is the last that is looked for, so that something else is at work"
+BEHIND = "another predicts more, and something else is at work there"
 UNSOLVED = "beside the effects of the model it has no answer in closed form"
-OPEN = TOO_FEW, NOTHING, BEHIND, UNSOLVED  # reasons that do not say that a candidate is not what is missing
+ELSE = NOTHING, ENDLESS  # reasons that something else is at work
+OPEN = TOO_FEW, *ELSE, BEHIND, UNSOLVED  # reasons that do not say that a candidate is not what is missing
 CLEAR, FEW = 0.1, 4
 """Of the whitened error, from which an effect may predict unseen passes with what they tell of themselves, where the
 others do not tell the base model; a smaller one must do so with what the others alone tell. Of 16 short logs with
@@ -116,7 +119,8 @@ def _errors(dataset, model, fit):
 def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
     """The first finding that earns it on all samples as well: their fit reaches bounds that a trial does not.
 
-    Beside something else that is missing an interval may hold zero. One that predicts less is not chosen in its stead.
+    Beside something else that is missing an interval may hold zero, and what stands in for a law that nobody knows may
+    have no best value. One that predicts less is not chosen in its stead.
     """
     refines, ahead = corrections(dataset.library), None
     for _ in range(len(rivals)):
@@ -130,10 +134,11 @@ def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
         if not _can_be_searched(dataset, larger):
             _give_way(findings, chosen, UNSOLVED)
             continue
-        if fit_to_all(chosen, dataset, larger, model, fit, noise):
+        apart = fit_to_all(chosen, dataset, larger, model, fit, noise)
+        if apart and not endless(dataset, chosen.fit):
             return chosen
         ahead = ahead or chosen
-        _give_way(findings, chosen, NOTHING)
+        _give_way(findings, chosen, ENDLESS if apart else NOTHING)
     return None
 
 
@@ -197,7 +202,7 @@ def _decide(findings, rivals, base, refines, steady):
 
 def _considered(rivals, earned, best, base, refines, steady):
     """What is said where a finding is the best: it or what it corrects, alternatives, and whether it is constant."""
-    able = [f for f in rivals if f.refused not in (NOTHING, UNSOLVED)]
+    able = [f for f in rivals if f.refused not in (*ELSE, UNSOLVED)]
     others = [f for f in able if f is not best and twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and twins(base, f, best, 3.0)), None)
     if plain is not None and steady(plain):  # a correction is not claimed where the effect itself does nearly as well
@@ -252,7 +257,7 @@ def _verdict(findings, alarm, hidden, dataset, attached):
     unseen = {(h["effect"], h["place"]) for h in hidden}
     if np.count_nonzero(~dataset.is_test) < 2 or (not attached and all(f.key in unseen for f in findings)):
         return "not_enough_excitation"
-    if alarm or any(f.provisional or f.refused == NOTHING for f in findings):
+    if alarm or any(f.provisional or f.refused in ELSE for f in findings):
         return "unexplained"
     if any(f.refused == TOO_FEW for f in findings):
         return "not_enough_excitation"

@@ -82,6 +82,26 @@ def found(dataset, model, fit, names, part, known, again):
     return fit
 
 
+def endless(dataset, fit):
+    """Whether a delay was fitted whose likelihood still grows where what is looked for ends.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        That was fitted.
+    fit : Fit
+        With profiles of its delays.
+
+    Returns
+    -------
+    bool
+        The best is within the last two samples of a bound.
+    """
+    near = 2 * float(np.median(np.diff(dataset.time)))
+    ranges = [(fit.parameters[n], fit.variables[n]) for n in fit.profiles]
+    return any(at < v.min + near or at > v.max - near for at, v in ranges)
+
+
 class Profile:
     """What the best fit with each delay leaves, in units of the noise.
 
