@@ -97,6 +97,8 @@ def endless(dataset, fit):
     bool
         The best is within the last two samples of a bound.
     """
+    if not fit.profiles:
+        return False
     near = 2 * float(np.median(np.diff(dataset.time)))
     ranges = [(fit.parameters[n], fit.variables[n]) for n in fit.profiles]
     return any(at < v.min + near or at > v.max - near for at, v in ranges)
