@@ -131,7 +131,9 @@ class Timing:
                 for rows in self._residuals(relation, old, tried)]
 
     def _residuals(self, relation, old, tried):
-        """Residuals of a relation, (channels, samples) for each trial; all trials are evaluated at once."""
+        """Residuals of a relation, (channels, samples) for each trial; all trials of a model are evaluated at once."""
+        if isinstance(relation, RateRelation) or relation.level:
+            return [relation.hold(self.readings, s, old.x).residual for s in tried]
         n = self.readings.time.size
         rows = zip(*(relation.arguments(self.readings, s) for s in tried))
         stacked = [np.concatenate(row) if isinstance(row[0], np.ndarray) else row[0] for row in rows]
@@ -147,25 +149,26 @@ class Timing:
         delays, left, used = np.linspace(-_LATEST, _LATEST, _DELAYS), 0.0, np.zeros(self.readings.time.size, bool)
         tried = [with_change(self.sources, {n: Source(n, 1.0, shift + d, drift) for n in names}) for d in delays]
         for relation, held in ((self.relations[k], h) for k, h in holds.items()):
-            if isinstance(relation, ModelRelation) and not relation.level and held.used.any():
+            if held.used.any() and np.isfinite(held.residual).all():
                 sizes = np.maximum(np.median(np.abs(held.residual[:, held.used]), axis=1), 1e-300)[:, None]
                 left = left + np.array([np.minimum((r / sizes) ** 2, _OUT).sum(0) * held.used for r in
                                         self._residuals(relation, held, tried)])
                 used |= held.used
         if not used.any():
-            return np.zeros(_STRETCHES), np.zeros(_STRETCHES)
+            return np.zeros(1), np.zeros(1)
         time = self.readings.elapsed
         stretch = np.searchsorted(np.quantile(time[used], np.linspace(0, 1, _STRETCHES + 1)[1:-1]), time)
-        parts = [used & (stretch == k) for k in range(_STRETCHES)]
+        parts = [part for k in range(_STRETCHES) if (part := used & (stretch == k)).any()]
         return np.array([time[p].mean() for p in parts]), delays[[np.argmin(left[:, p].sum(1)) for p in parts]]
 
     def _straightened(self, drifted):
         """A drift beside which stretches of the logs come later no more, as far as they say."""
-        names, drift, tried = drifted[1], drifted[3], []
+        names, _, drift, _ = drifted
+        tried = []
         for _ in range(_ROUNDS):
-            found = self._gained(names, 0.0, drift)
-            times, lags = self._lags(names, 0.0, drift, found[4])
-            tried.append((float(np.mean(np.abs(lags))), found))
+            holds = self.fitted(names, 0.0, drift)[1]
+            times, lags = self._lags(names, 0.0, drift, holds)
+            tried.append((float(np.mean(np.abs(lags))), (names, 0.0, drift, holds)))
             if not times.all():
                 break
             # least absolute deviations from a line; the clock is right where a run begins
@@ -213,25 +216,21 @@ class Timing:
 
         Returns
         -------
-        shifted, drifted : tuple of (gain, names, shift, drift, holds), or None
+        shifted, drifted : tuple of (names, shift, drift, holds), or None
         """
         for _ in range(_ANEW):
             found = self._tried()
-            for k, h in [item for f in found if f for item in f[4].items()]:
+            for k, h in [item for f in found if f for item in f[3].items()]:
                 self.valleys[k].append(h.x)
             anew = {k: self._held(k, self.sources) for k in self.valleys}
             stuck = any(_cost(self.holds[k]) - _cost(h) > _STUCK for k, h in anew.items())
             self.holds = {**self.holds, **anew}
             if not stuck:
                 break
-        return tuple(f and self._gained(*f[1:4]) for f in found)
-
-    def _gained(self, names, shift, drift):
-        base = self.fitted(names, 0.0, 0.0)[0]
-        cost, holds = self.fitted(names, shift, drift)
-        return base - cost, names, shift, drift, holds
+        return tuple(f and (*f[:3], self.fitted(*f[:3])[1]) for f in found)
 
     def _tried(self):
+        """The same from where the fits stand."""
         shifted, drifted = [], []
         steps = min(161, max(9, int(2 * _FASTEST * self.length / 0.15) | 1))
         rough = Timing(self.readings.thinned(_FEW), self.sources, self.relations, None, self.columns, self.group)
@@ -265,11 +264,12 @@ class Timing:
                     shift = self._search(lambda grid: self.costs(names, [(d, 0.0) for d in grid]),  # noqa: B023
                                          shift - span, shift + span, 5)
             self.holds = given
-            found.append(self._gained(names, shift, drift))
+            cost, holds = self.fitted(names, shift, drift)
+            found.append((self.fitted(names, 0.0, 0.0)[0] - cost, names, shift, drift, holds))
         if not found:
             return None
         best = max(f[0] for f in found)
-        return min((f for f in found if f[0] > best - 0.05), key=lambda f: len(f[1]))
+        return min((f for f in found if f[0] > best - 0.05), key=lambda f: len(f[1]))[1:]
 
     def findings(self):
         """Findings of kind ``shift`` and ``clock``.
@@ -281,12 +281,12 @@ class Timing:
         shifted, drifted = self.best()
         drifted = drifted and self._straightened(drifted)
         if drifted is not None and self._drifts(shifted, drifted):
-            _, names, _, drift, holds = drifted
+            names, _, drift, holds = drifted
             _, likelihood, before, after = self._worth(holds)
             return [self._clock(names, drift, before, after, likelihood)]
         if shifted is None:
             return []
-        gain, names, shift, _, holds = shifted
+        names, shift, _, holds = shifted
         ratio, likelihood, before, after = self._worth(holds)
         if ratio < 1 / _BETTER or likelihood < _SURE or abs(shift) < (
                 0.5 if ratio > _FALLEN else 1.5) * self.step:
@@ -300,15 +300,15 @@ class Timing:
 
     def _drifts(self, shifted, drifted):
         """Whether the columns come the later the longer the log, and no shift says as much of when they come."""
-        falls, likelihood, *_ = self._worth(drifted[4])
-        _, names, _, drift, holds = drifted
+        names, _, drift, holds = drifted
+        falls, likelihood, *_ = self._worth(holds)
         most = abs(drift) * self.length
         alone = len(names) == 1 and any(names[0] in members and len(members) > 1 for members in self.group.values())
         if (alone and falls < _ALONE) or likelihood < _SURE or most < _APART or self._ageing(holds) < math.log(_AGED):
             return False
         beside = np.abs(self._lags(names, 0.0, drift, holds)[1])
         stays = [np.abs(self._lags(names, s, 0.0, self.fitted(names, s, 0.0)[1])[1])
-                 for s in (0.0, *([shifted[2]] if shifted else []), math.copysign(min(0.5 * most, _LATEST), drift))]
+                 for s in (0.0, *([shifted[1]] if shifted else []), math.copysign(min(0.5 * most, _LATEST), drift))]
         return np.median(beside) < most / _KNOWN and all(np.mean(beside) < _CLOSER * np.mean(s) for s in stays)
 
     def _ageing(self, drifted):
