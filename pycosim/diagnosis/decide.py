@@ -34,7 +34,7 @@ than slow noise. Seventeen worlds with nothing hidden reach 1.2, friction that e
 what a simulation leaves that nobody added noise to is less than a hundredth."""
 TOO_FEW = "there are too few passes to see whether it predicts one that it was not fitted to"
 NOTHING = "its interval holds zero, so that something else is at work"
-ENDLESS = "its best value is the last that is looked for, so that something else is at work"
+ENDLESS = "its best value is at the end of what is looked for, so that something else is at work"
 BEHIND = "another predicts more, and something else is at work there"
 UNSOLVED = "beside the effects of the model it has no answer in closed form"
 ELSE = NOTHING, ENDLESS  # reasons that something else is at work
@@ -135,7 +135,7 @@ def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
             _give_way(findings, chosen, UNSOLVED)
             continue
         apart = fit_to_all(chosen, dataset, larger, model, fit, noise)
-        if apart and not endless(dataset, chosen.fit):
+        if apart and not endless(chosen.fit):
             return chosen
         ahead = ahead or chosen
         _give_way(findings, chosen, ENDLESS if apart else NOTHING)

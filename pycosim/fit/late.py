@@ -15,6 +15,7 @@ from .bounded import bounded
 
 REACH = 40  # samples either way that a delay is looked for within its bounds, where nothing is known of it
 NEAR = 6  # samples either way of where it is known to be
+END = 0.05  # of the bounds' range, at either end, where the likelihood of what is no delay still grows
 MOST = 15000  # samples that delays are tried on
 PRESSED = 3.84  # fall of twice the log-likelihood at the ends of a 95 % interval
 ROUNDS = 5
@@ -82,26 +83,21 @@ def found(dataset, model, fit, names, part, known, again):
     return fit
 
 
-def endless(dataset, fit):
-    """Whether a delay was fitted whose likelihood still grows where what is looked for ends.
+def endless(fit):
+    """Whether a delay was fitted that has no best value inside its bounds.
 
     Parameters
     ----------
-    dataset : Dataset
-        That was fitted.
     fit : Fit
         With profiles of its delays.
 
     Returns
     -------
     bool
-        The best is within the last two samples of a bound.
+        The best is within `END` of a bound.
     """
-    if not fit.profiles:
-        return False
-    near = 2 * float(np.median(np.diff(dataset.time)))
     ranges = [(fit.parameters[n], fit.variables[n]) for n in fit.profiles]
-    return any(at < v.min + near or at > v.max - near for at, v in ranges)
+    return any(min(at - v.min, v.max - at) < END * (v.max - v.min) for at, v in ranges)
 
 
 class Profile:
