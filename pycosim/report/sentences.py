@@ -599,7 +599,7 @@ def but(best):
 
 
 def unconfirmed(result):
-    """The first candidate that the data hold too few passes to confirm.
+    """The candidate for the sake of which a verdict is that the passes are too few, if one is.
 
     Parameters
     ----------
@@ -610,7 +610,8 @@ def unconfirmed(result):
     -------
     dict or None
     """
-    return next((c for c in result["candidates"] if c.get("refused") == TOO_FEW), None)
+    few = result["verdict"] == "not_enough_excitation"
+    return next((c for c in result["candidates"] if few and c.get("refused") == TOO_FEW), None)
 
 
 def _too_little(result, final):

@@ -92,7 +92,7 @@ class Verdict:
         if contested:
             kinds = {c["effect"] for c in [contested, *contested["twins"]]}
             return f"Something is missing, and {len(kinds)} effects explain it equally well"
-        if unsure := _unconfirmed(self.first):
+        if unsure := sentences.unconfirmed(self.first):
             return f"Too few passes to tell whether the model lacks {_named(unsure['effect'], unsure['place'])}"
         return {"nothing_missing": "Nothing is missing that these data could show",
                 "unexplained": "Something is missing that no effect of the library explains",
@@ -161,7 +161,7 @@ class Verdict:
             lines.append("So sure it is that something is missing; which of the alternatives stays open.")
         if not self.added and self.first["verdict"] == "unexplained":
             lines += sentences.certainty_of_unknown(self.first)
-        if not self.added and (unsure := _unconfirmed(self.first)):
+        if not self.added and (unsure := sentences.unconfirmed(self.first)):
             lines.append(f"{cards.certainty(unsure['p_value'])}; but there are too few passes to see whether it "
                          "predicts one that it was not fitted to.")
         best = min(self.first["candidates"], key=lambda c: c["p_value"], default=None)
@@ -260,7 +260,7 @@ class Verdict:
         contested = sentences.contested_of(self.last)
         if contested and contested["experiment"]:
             found.append(f"{_capital(contested['experiment'])}: that tells apart what does equally well.")
-        if unsure := _unconfirmed(self.last):
+        if unsure := sentences.unconfirmed(self.last):
             found.append(f"Record more of the same, so that {FEW} passes at least can be fitted and others held out: "
                          f"that shows whether {_named(unsure['effect'], unsure['place'])} predicts what it was not "
                          "fitted to.")
@@ -284,11 +284,6 @@ class Verdict:
         return [f"{_capital(text)}: that shows "
                 f"{sentences.joined([e.replace('_', ' ') for e in effects])}, invisible so far."
                 for text, effects in ranked]
-
-
-def _unconfirmed(told):
-    """The candidate for the sake of which a verdict is that the data are too few, if one is."""
-    return sentences.unconfirmed(told) if told["verdict"] == "not_enough_excitation" else None
 
 
 def _named(effect, place):
