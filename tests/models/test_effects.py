@@ -53,6 +53,16 @@ def test_saturated_torques_read_as_the_truth_times_one_plus_k_squared(k):
     assert true * (1 + k * true ** 2) == pytest.approx(1.2, abs=1e-12)
 
 
+@pytest.mark.parametrize("turning", [{"motor1.J": 2e-3}, {"rotor_inertia_motor1.J": 2e-3}])
+def test_a_wrong_torque_constant_scales_what_turns_the_rotor_as_well(turning):
+    """What is measured is the current, and all of its torque has the same constant."""
+    effects = [("torque_constant", "motor1"), ("rotor_inertia", "motor1")]
+    fast = {**MOVING, "der(der(motor1.phi))": 100.0}
+    y = sliding(effects, fast, {**turning, "torque_constant_motor1.g": 1.2})
+    true = sliding([], {**fast, "motor1.tau": MOVING["motor1.tau"] / 1.2 - 0.2})
+    assert [y[c] for c in ("C_H", "C_K")] == pytest.approx([true[c] for c in ("C_H", "C_K")], rel=1e-12)
+
+
 @pytest.mark.parametrize("place", ["1A+2A", "1B+2B"])
 def test_cross_load_is_the_friction_of_the_partners_load_both_ways(place):
     name = f"cross_load_{place.replace('+', '_')}"

@@ -19,8 +19,8 @@ equation
   a = der(w);
   v = R * i + k_t * w;
   tau = k_t * i;
-  tau = tau_shaft + J * a + signal.dtau;
+  signal.tau = tau_shaft + J * a;
+  tau = signal.tau + signal.dtau;
   flange.tau = -tau_shaft;
-  signal.tau = tau_shaft;
   annotation(__pycosim(links="flange: inertia=J"));
 end DCMotor;

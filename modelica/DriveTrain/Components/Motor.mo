@@ -13,8 +13,8 @@ equation
   phi = flange.phi + zero;
   w = der(phi);
   a = der(w);
-  tau = tau_shaft + J * a + signal.dtau;
+  signal.tau = tau_shaft + J * a;
+  tau = signal.tau + signal.dtau;
   flange.tau = -tau_shaft;
-  signal.tau = tau_shaft;
   annotation(__pycosim(links="flange: inertia=J"));
 end Motor;

@@ -1,6 +1,6 @@
 within DriveTrain.Effects;
 model RotorInertia "Torque that accelerates the rotor"
-  extends Interfaces.MotorEffect(dtau=J * a);
+  extends Interfaces.MotorEffect(loss=J * a);
   parameter Real J(unit="kg.m2", min=0, max=1, nominal=1e-4) = 0 "Moment of inertia";
   Real w(unit="rad/s") "Speed";
   Real a(unit="rad/s2") "Acceleration";
