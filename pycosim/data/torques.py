@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..dynamics.delays import between
+from ..dynamics.delays import nearest
 from ..dynamics.filters import first_order, settings
 from .noise import contiguous
 from .turns import built_up
@@ -24,6 +24,9 @@ KEPT = 6  # nodes
 LAGS = np.geomspace(0.002, 0.3, 16)  # s, of filters that are tried on a start
 TRAVELS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # over the model's own, that friction may build up over at a start
 SHARE = 0.2  # of a pass that may be left to what happens at its ends
+LEVEL = np.array([-0.1, 0.4, 0.4, 0.4, -0.1])
+"""A mean over five samples that keeps parabolas, and in which a sample counts as much as its neighbours: what a filter
+holds back of it within a step shares no noise with the accelerations that it was predicted from."""
 
 
 def predicted(dataset, values, trusted=None):
@@ -177,6 +180,8 @@ class _Start:
         """What the motion predicts of a record, also before and after a pass, and while friction is built up."""
         found = predicted(self.dataset, values, self.trusted)
         for (part, moving), share in zip(self.parts, self.shares, strict=True):
+            if moving.size >= LEVEL.size:
+                found[moving[2:-2]] = np.convolve(found[moving], LEVEL, "valid")
             found[part[0]:moving[0]], found[moving[-1] + 1:part[-1] + 1] = found[moving[0]], found[moving[-1]]
             if share is not None:
                 found[part] = found[part[0] - 1] + share * (found[part] - found[part[0] - 1])
@@ -274,6 +279,8 @@ def calm(dataset, name, delay, moved):
     """A measured torque whose noise stays where it is, while what the motion predicts of it is moved by a delay.
 
     The prediction is made of the record as moved: as recorded, a late torque belongs to no motion where that changes.
+    It is moved by whole samples, and between them along its own slope over five: the noise of the accelerations is in
+    it, and straight lines between samples would take that away.
 
     Parameters
     ----------
@@ -295,7 +302,8 @@ def calm(dataset, name, delay, moved):
         return moved
     inside = dataset.memo("torques.inside", lambda: _inside(dataset))
     found = np.where(inside, predicted(dataset, moved, dataset.moving & inside), np.nan)
-    return dataset.signals[name] + found - between(dataset.time, found, dataset.run, -delay)
+    near, apart = nearest(dataset.time, dataset.run, -delay)
+    return dataset.signals[name] + found - found[near] - _own_slope(dataset, found)[near] * apart
 
 
 def _inside(dataset):
