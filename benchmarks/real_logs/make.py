@@ -90,7 +90,7 @@ def make(case, folder, quick=False):
     pieces = _pieces(found, truth, about.files) if about.files > 1 else [slice(None)]
     for k, rows in enumerate(pieces, 1):
         names.append(f"run{k}.csv")
-        _write(folder / names[-1], {n: x[rows] for n, x in log.items()})
+        written(folder / names[-1], {n: x[rows] for n, x in log.items()})
     study = folder / "study.toml"
     study.write_text(_study(found, names))
     (folder / "truth.json").write_text(json.dumps({
@@ -112,8 +112,14 @@ def _pieces(found, truth, files):
     return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], n])]
 
 
-def _write(path, log):
-    """A CSV with as many digits as the numbers need."""
+def written(path, log):
+    """Write a log as CSV, with as many digits as the numbers need.
+
+    Parameters
+    ----------
+    path : Path
+    log : dict of str to ndarray, shape (n,)
+    """
     names = list(log)
     rows = np.column_stack([log[n] for n in names])
     np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.10g")

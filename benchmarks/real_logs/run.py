@@ -5,8 +5,9 @@
     python -m benchmarks.real_logs.run oracle rows.jsonl      adds what nobody could tell apart to the rows
 
 Each condition has `--seeds` logs with nothing hidden and `--hidden` times as many with effects; rows that the output
-file already holds are not run again. `--conditions all` is every condition, `measured` the studies of `examples` on
-measured data beside the project. Each run has a limit of time and of memory, and its peak memory is recorded.
+file already holds are not run again. `--conditions all` is every condition, `closed_loop` the driven machine of
+`closed_loop.py`, `measured` the studies of `examples` on measured data beside the project. Each run has a limit of time
+and of memory, and its peak memory is recorded.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from benchmarks.real_logs import cases
+from benchmarks.real_logs import cases, closed_loop
 from benchmarks.real_logs.make import ROOT, make
 from benchmarks.real_logs.score import fits, names, score, wrong_alternatives
 from benchmarks.rows import append, known
@@ -35,7 +36,7 @@ from pycosim.core.executors import each
 
 LIMIT_SECONDS, LIMIT_BYTES = 300, 4 << 30
 """Of the processor's time, so that a busy machine changes nothing; five times as long by the clock."""
-SPECIAL = ("measured", "scenario")
+SPECIAL = ("measured", "scenario", "closed_loop")
 MEASURED = ("screw_drives/drive1", "screw_drives/drive2", "servo_pendulum/study", "emps/study", "double_pendulum/study")
 
 
@@ -200,6 +201,28 @@ def scenario(name, seed, bare=False):
     return {**row, "score": score(row)}
 
 
+def driven(motion, effect, seed, bare=False):
+    """Make the log of a drive under control, and improve its study.
+
+    Parameters
+    ----------
+    motion, effect : str
+    seed : int
+    bare : bool
+        As of `call`.
+
+    Returns
+    -------
+    dict
+    """
+    row = {"case": f"closed_loop:{motion}:{effect}:{seed}", "condition": "closed_loop", "what": effect, "seed": seed}
+    with tempfile.TemporaryDirectory() as folder:
+        study = closed_loop.make(motion, effect, seed, folder)
+        row |= json.loads((study.parent / "truth.json").read_text())
+        row |= call("improve", study, study.parent / "out", bare)
+    return {**row, "score": score(row)}
+
+
 def measured(name, bare=False):
     """Improve a study of `examples` on measured data.
 
@@ -330,6 +353,8 @@ def main():
     work = [partial(run, c, args.verb, args.keep, args.bare) for c in planned]
     work += [partial(scenario, name, s, args.bare) for s in range(args.first, args.first + args.seeds)
              for name in SCENARIOS if "scenario" in wanted]
+    work += [partial(driven, m, e, s, args.bare) for s in range(args.first, args.first + args.seeds)
+             for m in closed_loop.MOTIONS for e in closed_loop.EFFECTS if "closed_loop" in wanted]
     work += [partial(measured, name, args.bare) for name in MEASURED if "measured" in wanted]
     _work(work, args)
 
@@ -350,6 +375,8 @@ def _name(work):
     """Name of the case that a piece of work runs."""
     if work.func is run:
         return work.args[0].name
+    if work.func is driven:
+        return "closed_loop:" + ":".join(map(str, work.args[:3]))
     return f"scenario:{work.args[0]}::{work.args[1]}" if work.func is scenario else f"measured:{work.args[0]}"
 
 

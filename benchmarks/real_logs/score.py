@@ -59,7 +59,7 @@ def names(row):
     hidden = [tuple(h) for h in row["hidden"]]
     hidden = [h for h in hidden if h[0] not in laws.OUTSIDE or h[0] in OWN_NAME]
     about = cases.CONDITIONS.get(row["condition"])  # none of a scenario
-    return hidden, list(about.named) if about else []
+    return hidden, list(about.named) if about else [tuple(b) for b in row.get("beside", [])]
 
 
 def fits(step, wanted):

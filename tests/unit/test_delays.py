@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.real_logs import closed_loop
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.data.torques import held_back
@@ -204,3 +205,19 @@ C = {{ variable = "C", unit = "N.m" }}
 "gear.f0" = {{ value = 0.005, fixed = false }}
 """)
     return tmp_path / "study.toml"
+
+
+@pytest.mark.parametrize("effect, values", [
+    ("time_delay", (-2e-3, -1e-3, 1e-3, 2e-3)), ("low_pass", (5e-4, 1e-3, 2e-3))])
+def test_less_than_a_sample_of_delay_takes_no_noise_of_accelerations_away(effect, values, tmp_path):
+    """What the motion predicts of a torque holds their noise; between samples, and filtered, there would be less."""
+    data = Dataset(load_study(closed_loop.make("passes", "none", 1, tmp_path)), Library())
+    model = compile_model(data.library, data.study.rig, [("presliding", "gear"), (effect, "torque")])
+    name = {"time_delay": "time_delay_torque.d", "low_pass": "low_pass_torque.T"}[effect]
+    free = [n for n in data.parameters.free(model) if n != name]
+    fit = least_squares.fit(data, model, {name: 0.0}, free, held=[name])
+
+    def left(value):
+        return np.sum(data.residuals(model, free, {**fit.parameters, name: value}, "fit").residual(fit.values) ** 2)
+
+    assert min(left(v) for v in values) > 0.98 * left(0.0)
