@@ -9,6 +9,7 @@ import itertools
 import math
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..dynamics.delays import nearest
 from ..dynamics.filters import first_order, settings
@@ -23,6 +24,7 @@ LEAST, NODE = 1e-4, 1.1  # s, least time constant of a filter that is a node, an
 KEPT = 6  # nodes
 LAGS = np.geomspace(0.002, 0.3, 16)  # s, of filters that are tried on a start
 TRAVELS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # over the model's own, that friction may build up over at a start
+QUIET = 0.2  # of the noise of a torque's record, that what the motion predicts of it may have to be moved in its place
 SHARE = 0.2  # of a pass that may be left to what happens at its ends
 LEVEL = np.array([-0.1, 0.4, 0.4, 0.4, -0.1])
 """A mean over five samples that keeps parabolas, and in which a sample counts as much as its neighbours: what a filter
@@ -280,7 +282,8 @@ def calm(dataset, name, delay, moved):
 
     The prediction is made of the record as moved: as recorded, a late torque belongs to no motion where that changes.
     It is moved by whole samples, and between them along its own slope over five: the noise of the accelerations is in
-    it, and straight lines between samples would take that away.
+    it, and straight lines between samples would take that away. Where it is no quieter than the record, as that of coarse
+    encoders, the record is moved with its noise.
 
     Parameters
     ----------
@@ -298,12 +301,21 @@ def calm(dataset, name, delay, moved):
     ndarray, shape (n,)
         In the torque's unit; NaN near the ends of a pass, where a late torque may jump.
     """
-    if name not in dataset.signals:  # no push from outside
+    if name not in dataset.signals or not dataset.memo(("torques.quiet", name), lambda: _quiet(dataset, name)):
         return moved
     inside = dataset.memo("torques.inside", lambda: _inside(dataset))
     found = np.where(inside, predicted(dataset, moved, dataset.moving & inside), np.nan)
     near, apart = nearest(dataset.time, dataset.run, -delay)
     return dataset.signals[name] + found - found[near] - _own_slope(dataset, found)[near] * apart
+
+
+def _quiet(dataset, name):
+    """Whether what the motion predicts of a torque has much less noise than its record."""
+    inside = dataset.memo("torques.inside", lambda: _inside(dataset))
+    found = predicted(dataset, dataset.signals[name], dataset.moving & inside)
+    whole = sliding_window_view(inside, 5).all(1)  # no ends of passes
+    quick = [np.median(np.abs(np.diff(x, 4)[whole])) if whole.any() else 0.0 for x in (found, dataset.signals[name])]
+    return quick[0] <= QUIET * quick[1]
 
 
 def _inside(dataset):
