@@ -282,8 +282,8 @@ def calm(dataset, name, delay, moved):
 
     The prediction is made of the record as moved: as recorded, a late torque belongs to no motion where that changes.
     It is moved by whole samples, and between them along its own slope over five: the noise of the accelerations is in
-    it, and straight lines between samples would take that away. Where it is no quieter than the record, as that of coarse
-    encoders, the record is moved with its noise.
+    it, and straight lines between samples would take that away. Where it is no quieter than the record, as that of
+    coarse encoders, the record is moved with its noise.
 
     Parameters
     ----------
