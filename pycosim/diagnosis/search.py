@@ -441,10 +441,12 @@ def _grow(dataset, steps, last, seed, progress):
 def _revised(dataset, steps, noise, seed, progress):
     """The ladder with an effect chosen again beside the others, where that predicts unseen folds better; or None.
 
-    One that is refused beside the others is taken out. One that stays has the alternatives that are left there. The
-    last effect was chosen with all others in the model.
+    One that is refused beside the others is taken out, and a correction gives way to what it corrects where that is
+    said there. One that stays has the alternatives that are left there. The last effect was chosen with all others in
+    the model.
     """
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
+    refines = corrections(dataset.library)
     for out in steps[1:-1]:
         rest = [s for s in steps[1:] if s is not out]
         keys = [*base.keys, *(s.added for s in rest)]
@@ -453,21 +455,24 @@ def _revised(dataset, steps, noise, seed, progress):
         told = diagnose(dataset, model, fit, seed, progress, False)
         found = told.winner
         if any(c.key == out.added and c.refused not in (None, *OPEN) for c in told.candidates):
-            chosen = [] if found is None else [Step(found.key, model, found.fit, {}, {}, found)]
-            return _ladder(dataset, steps[0], [*rest, *chosen])
+            instead = [] if found is None else [Step(found.key, model, found.fit, {}, {}, found)]
+            return _ladder(dataset, steps[0], [*rest, *instead])
         if found is None:
             continue
         alternatives = [found.key, *((t["effect"], t["place"]) for t in found.twins)]
+        larger = compile_model(dataset.library, base.rig, [*keys, found.key])
+        chosen = Step(found.key, larger, found.fit, {}, {}, found)
         if out.added in alternatives:  # its own were told where the others were missing
+            if found.effect == refines.get(out.added[0]):  # what it corrects did less well for want of another effect
+                return _ladder(dataset, steps[0], [*rest, chosen])
             alternatives.remove(out.added)
             out.finding = replace(out.finding, twins=[{"effect": e, "place": p} for e, p in alternatives])
             continue
-        larger = compile_model(dataset.library, base.rig, [*keys, found.key])
         here, full = fulls.beside(model)
         other = select(here, larger, found.fit, noise, full.usual)
         gains = [difference(getattr(full, kind), getattr(other, kind)) for kind in ("white", "raw")]
         if all(gain > SEPARATE * spread for gain, spread in gains):  # the luck of folds changes nobody's mind
-            return _ladder(dataset, steps[0], [*rest, Step(found.key, larger, found.fit, {}, {}, found)])
+            return _ladder(dataset, steps[0], [*rest, chosen])
     return None
 
 
