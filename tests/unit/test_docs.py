@@ -44,7 +44,7 @@ NUMBER = re.compile(r"(?<![A-Za-z_\d.])-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
 def typed(command, folder):
     """Output of a line of a tutorial."""
-    here = {"pycosim": f"{shlex.quote(sys.executable)} -m pycosim.cli", "python": shlex.quote(sys.executable)}
+    here = {"pycosim": f"{shlex.quote(sys.executable)} -m pycosim", "python": shlex.quote(sys.executable)}
     for name, program in here.items():
         command = re.sub(rf"^\.venv/bin/{name}\b", lambda _: program, command)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
