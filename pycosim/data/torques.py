@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ..dynamics.delays import nearest
+from ..dynamics.delays import between
 from ..dynamics.filters import first_order, settings
 from .noise import contiguous
 from .turns import built_up
@@ -281,9 +281,8 @@ def calm(dataset, name, delay, moved):
     """A measured torque whose noise stays where it is, while what the motion predicts of it is moved by a delay.
 
     The prediction is made of the record as moved: as recorded, a late torque belongs to no motion where that changes.
-    It is moved by whole samples, and between them along its own slope over five: the noise of the accelerations is in
-    it, and straight lines between samples would take that away. Where it is no quieter than the record, as that of
-    coarse encoders, the record is moved with its noise.
+    Straight lines between samples take noise away, and the noise of the accelerations is in the prediction: where it is
+    not far quieter than the record, as behind coarse encoders, the record is moved with its noise.
 
     Parameters
     ----------
@@ -305,8 +304,7 @@ def calm(dataset, name, delay, moved):
         return moved
     inside = dataset.memo("torques.inside", lambda: _inside(dataset))
     found = np.where(inside, predicted(dataset, moved, dataset.moving & inside), np.nan)
-    near, apart = nearest(dataset.time, dataset.run, -delay)
-    return dataset.signals[name] + found - found[near] - _own_slope(dataset, found)[near] * apart
+    return dataset.signals[name] + found - between(dataset.time, found, dataset.run, -delay)
 
 
 def _quiet(dataset, name):

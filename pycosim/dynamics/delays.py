@@ -61,7 +61,7 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
             slope = one.at(delay, 1)
             found[name], back = one.at(delay), (lag * slope, slope)
         else:
-            near, apart = nearest(time, run, delay)
+            near, apart = _nearest(time, run, delay)
             slope, jumping = (s[near] for s in slopes[name])
             own, beside = signals[name][near], signals[name][near + np.sign(apart).astype(int)]
             ends = np.minimum(beside - own, 0.0), np.maximum(beside - own, 0.0)
@@ -76,22 +76,8 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
     return found
 
 
-def nearest(time, run, later):
-    """Samples nearest to later times, log by log; none beyond the ends.
-
-    Parameters
-    ----------
-    time, run : ndarray, shape (n,)
-        Of the samples [s], and the number of the log that each belongs to.
-    later : float
-        [s]
-
-    Returns
-    -------
-    near : ndarray of int, shape (n,)
-    apart : ndarray, shape (n,)
-        How much later the wanted time is than the nearest sample's [s].
-    """
+def _nearest(time, run, later):
+    """Samples nearest to a later time, log by log, and how much later that is than they are; none beyond the ends."""
     near, apart = np.arange(len(time)), np.zeros(len(time))
     for k in np.unique(run):
         part = np.flatnonzero(run == k)
@@ -100,6 +86,27 @@ def nearest(time, run, later):
         near[part] = part[np.searchsorted(edges, own)]
         apart[part] = own - time[near[part]]
     return near, apart
+
+
+def between(time, values, run, later):
+    """Values at later times, log by log, along straight lines; not a number beyond a log's ends.
+
+    Parameters
+    ----------
+    time, values, run : ndarray, shape (n,)
+        Samples [s], the signal there, and the number of the log that each belongs to.
+    later : float
+        [s]
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    found = np.empty(len(time))
+    for k in np.unique(run):
+        own = run == k
+        found[own] = np.interp(time[own] + later, time[own], values[own], np.nan, np.nan)
+    return found
 
 
 class Record:
