@@ -23,7 +23,7 @@ from .excitation import smallest, undetectable, varied
 from .finding import Diagnosis
 from .lack_of_fit import unexplained
 from .remainder import LEFT, remaining, rises
-from .rivals import ahead_in_plain, by_kind, plainly_better, too_many, twins
+from .rivals import behind, by_kind, plainly_better, too_many, twins
 from .scores import LEVEL, Scores
 from .table import Table
 from .trials import as_findings, fit_to_all, refit_best
@@ -186,7 +186,7 @@ def _decide(findings, rivals, base, refines, steady):
         best = next((f for f in earned[1:] if not _at_a_bound(f) and twins(base, f, best, kinds=("white",))), best)
     best, others, constant = _considered(rivals, earned, best, base, refines, steady)
     largest = min(earned, key=lambda f: f.selection.raw.sum())
-    if not constant and ahead_in_plain(largest, best):  # what is slow is missing too, and may need no other
+    if not constant and "raw" in behind(best.selection, largest.selection):  # what is slow is missing too
         other = _considered(rivals, earned, largest, base, refines, steady)
         best, others, constant = other if other[2] else (best, others, constant)
     findings.remove(best)

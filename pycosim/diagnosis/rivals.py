@@ -43,6 +43,26 @@ def alike(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
     return True
 
 
+def behind(one, other):
+    """The kinds of errors on unseen folds in which one rival is behind another by more than chance, and by enough.
+
+    Parameters
+    ----------
+    one, other : Selection
+        Of the same folds at one noise level.
+
+    Returns
+    -------
+    list of str
+        Of ``white`` and ``raw``.
+    """
+    least, found = {"white": 2.0 * SEPARATE ** 2, "raw": PLAIN * one.raw.sum()}, []
+    for kind in least:
+        gap, spread = difference(getattr(one, kind), getattr(other, kind))
+        found += [kind] if gap > max(SEPARATE * spread, least[kind]) else []
+    return found
+
+
 def twins(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
     """Whether unseen folds cannot tell two findings apart, by their selections; see `alike`.
 
@@ -62,22 +82,6 @@ def twins(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
     bool
     """
     return alike(base, other.selection, best.selection, errors, kinds)
-
-
-def ahead_in_plain(one, other):
-    """Whether one finding predicts unseen folds better than another by more than chance, and by enough to matter.
-
-    Parameters
-    ----------
-    one, other : Finding
-        Refitted.
-
-    Returns
-    -------
-    bool
-    """
-    ahead, own = difference(other.selection.raw, one.selection.raw)
-    return ahead > max(SEPARATE * own, PLAIN * other.selection.raw.sum())
 
 
 def plainly_better(base, earned):
@@ -100,8 +104,8 @@ def plainly_better(base, earned):
     best = earned[0]
     fall, better = difference(base.white, best.selection.white)[0], []
     for f in earned[1:]:
-        behind, error = difference(f.selection.white, best.selection.white)
-        if behind <= SEPARATE * error and behind < ALIKE * fall and ahead_in_plain(f, best):
+        gap, error = difference(f.selection.white, best.selection.white)
+        if gap <= SEPARATE * error and gap < ALIKE * fall and "raw" in behind(best.selection, f.selection):
             better.append(f)
     return min(better, key=lambda f: f.selection.raw.sum()) if better else best
 

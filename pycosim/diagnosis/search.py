@@ -15,7 +15,7 @@ from .decide import OPEN, diagnose
 from .dependence import dependence
 from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises
-from .rivals import PLAIN, SEPARATE, alike, too_many
+from .rivals import PLAIN, SEPARATE, alike, behind, too_many
 from .trials import TRIAL, nudged
 
 MOST = 6  # effects that one search may add
@@ -257,16 +257,20 @@ def improve(dataset, model=None, seed=0, progress=None):
     say("fitting the base model")
     steps = [step_of(dataset, model, least_squares.fit(dataset, model))]
     first, steps, last = _first(dataset, steps, seed, progress)
-    for again in range(MOST):
+    seen, without = [], {}
+    while True:
         steps, last = _grow(dataset, steps, last, seed, progress)
-        revised = _revised(dataset, steps, last.noise, seed, progress)
+        seen.append({s.added for s in steps})
+        revised = _revised(dataset, steps, last.noise, seed, progress, without)
         if revised is None and last.verdict == "unexplained":
             revised = _exchanged(dataset, steps, last.noise, seed, progress)
         revised = revised or _spared(dataset, steps, last.noise, seed, progress)
-        if revised is None:
+        if revised is None or len(seen) > 2 * MOST or {s.added for s in revised} in seen:  # it would come back again
             break
         steps = revised
-        last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 50 + again, progress, False)
+        seen.append({s.added for s in steps})
+        last = without.get(frozenset(s.added for s in steps)) or diagnose(
+            dataset, steps[-1].model, steps[-1].fit, seed + 50 + len(seen), progress, False)
     pruned = _prune(dataset, steps, last.noise)
     if len(pruned) < len(steps):
         steps = pruned
@@ -438,13 +442,16 @@ def _grow(dataset, steps, last, seed, progress):
     return steps, last
 
 
-def _revised(dataset, steps, noise, seed, progress):
+def _revised(dataset, steps, noise, seed, progress, without=None):
     """The ladder with an effect chosen again beside the others, where that predicts unseen folds better; or None.
 
     One that is refused beside the others is taken out, and a correction gives way to what it corrects where that is
-    said there. One that stays has the alternatives that are left there. The last effect was chosen with all others in
-    the model.
+    said there. One that stays has the alternatives that are left there: another that is said there is one too, where
+    unseen folds do not tell which of both it is. The last effect was chosen with all others in the model.
+
+    What is said ``without`` an effect is kept there by the effects that are left: no model is diagnosed twice.
     """
+    without = {} if without is None else without
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     refines = corrections(dataset.library)
     for out in steps[1:-1]:
@@ -452,7 +459,8 @@ def _revised(dataset, steps, noise, seed, progress):
         keys = [*base.keys, *(s.added for s in rest)]
         model = compile_model(dataset.library, base.rig, keys)
         fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
-        told = diagnose(dataset, model, fit, seed, progress, False)
+        left = frozenset((None, *(s.added for s in rest)))
+        told = without[left] = without.get(left) or diagnose(dataset, model, fit, seed, progress, False)
         found = told.winner
         if any(c.key == out.added and c.refused not in (None, *OPEN) for c in told.candidates):
             instead = [] if found is None else [Step(found.key, model, found.fit, {}, {}, found)]
@@ -462,17 +470,18 @@ def _revised(dataset, steps, noise, seed, progress):
         alternatives = [found.key, *((t["effect"], t["place"]) for t in found.twins)]
         larger = compile_model(dataset.library, base.rig, [*keys, found.key])
         chosen = Step(found.key, larger, found.fit, {}, {}, found)
-        if out.added in alternatives:  # its own were told where the others were missing
-            if found.effect == refines.get(out.added[0]):  # what it corrects did less well for want of another effect
+        if out.added in alternatives and found.effect == refines.get(out.added[0]):
+            return _ladder(dataset, steps[0], [*rest, chosen])  # it did less well for want of another effect
+        if out.added not in alternatives:
+            here, full = fulls.beside(model)
+            other = select(here, larger, found.fit, noise, full.usual)
+            lost, won = behind(full, other), behind(other, full)
+            if lost and not won:
                 return _ladder(dataset, steps[0], [*rest, chosen])
-            alternatives.remove(out.added)
-            out.finding = replace(out.finding, twins=[{"effect": e, "place": p} for e, p in alternatives])
-            continue
-        here, full = fulls.beside(model)
-        other = select(here, larger, found.fit, noise, full.usual)
-        gains = [difference(getattr(full, kind), getattr(other, kind)) for kind in ("white", "raw")]
-        if all(gain > SEPARATE * spread for gain, spread in gains):  # the luck of folds changes nobody's mind
-            return _ladder(dataset, steps[0], [*rest, chosen])
+            if lost or won:  # the luck of folds changes nobody's mind
+                continue
+        others = [{"effect": e, "place": p} for e, p in alternatives if (e, p) != out.added]
+        out.finding = replace(out.finding, twins=others)  # its own were told where the others were missing
     return None
 
 
@@ -608,7 +617,8 @@ def _prune(dataset, steps, noise):
 def _ladder(dataset, base, chosen):
     """The steps of a ladder that adds the effects of these steps in this order.
 
-    What a diagnosis predicted holds beside the effects that were in its model, no longer beside others.
+    Each effect starts from where it was found: a ripple has valleys, and from no amplitude none is found. What a
+    diagnosis predicted holds beside the effects that were in its model, no longer beside others.
     """
     steps, given = [base], base.model.keys
     for step in chosen:
@@ -616,5 +626,6 @@ def _ladder(dataset, base, chosen):
         model = compile_model(dataset.library, base.model.rig, keys)
         same = step.model.keys == keys
         finding = step.finding if same else replace(step.finding, predicted_error={})
-        steps.append(step_of(dataset, model, least_squares.fit(dataset, model, steps[-1].fit.parameters), finding))
+        start = {**step.fit.parameters, **steps[-1].fit.parameters}
+        steps.append(step_of(dataset, model, least_squares.fit(dataset, model, start), finding))
     return steps

@@ -11,7 +11,7 @@ from benchmarks.hidden_effects import machine as rig
 from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
-from pycosim.diagnosis import pairs
+from pycosim.diagnosis import pairs, search
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.scores import LEVEL, Scores
 from pycosim.diagnosis.search import _exchanged, _ladder, _revised, diagnosed, improve, step_of
@@ -46,6 +46,29 @@ def ladder(dataset, keys):
     rungs = [replace(base, added=key, finding=Finding(*key), model=compile_model(dataset.library, base.model.rig, keys))
              for key in keys]
     return _ladder(dataset, base, rungs)
+
+
+def test_a_revision_that_comes_back_ends_the_search_where_nothing_is_missing(dataset, monkeypatch):
+    """What is taken out and found again, over and over, was left out in the end, and said to be missing."""
+    monkeypatch.setattr(search, "_revised", lambda data, steps, *given: _ladder(data, steps[0], steps[1:-1]))
+    found = improve(dataset)
+    assert {s.added for s in found.steps[1:]} == set(TRUE)
+    assert found.last.verdict == "nothing_missing"
+
+
+def test_a_ripple_is_fitted_again_from_where_it_was_found(tmp_path):
+    """From no amplitude at one cycle a turn it was not found a second time, and given up."""
+    data = Dataset(load_study(make("three:torque_ripple+torque_offset+presliding:1.7:4601", tmp_path, quick=True)),
+                   Library())
+    base = step_of(data, data.base, least_squares.fit(data, data.base))
+    model = compile_model(data.library, base.model.rig, [("torque_ripple", "motor1")])
+    found = least_squares.fit(data, model, {"torque_ripple_motor1.n": 6.0, "torque_ripple_motor1.A": 0.01})
+    key = "torque_ripple", "motor1"
+    rung = replace(base, added=key, model=model, fit=found, finding=Finding(*key))
+    again = _ladder(data, base, [rung])[-1].fit
+    assert again.parameters["torque_ripple_motor1.n"] == pytest.approx(6.0, rel=0.03)
+    assert again.parameters["torque_ripple_motor1.A"] == pytest.approx(
+        found.parameters["torque_ripple_motor1.A"], rel=0.05)
 
 
 def test_an_effect_that_stands_in_for_another_is_replaced(dataset):
