@@ -1,119 +1,77 @@
-"""In: a motion, an effect, a seed. Out: the log of a joint under control, integrated forward, and its study and truth.
+"""In: a driven machine, a motion, an effect, a seed. Out: its log under control, integrated forward, study and truth.
 
     from benchmarks.real_logs.closed_loop import make
-    study = make("pick_and_place", "viscous", 2, folder)
+    study = make("geared", "pick_and_place", "viscous", 2, folder)
 
-The other machines of this benchmark do a motion that is given, and their torques follow from it. This one is driven: a
-controller turns a motor over an elastic gear against the weight of a link, friction sticks over a travel, and the drive
-makes its speed of the encoder's steps. Accelerations ring, and motion and torque share the controller's errors.
+The other machines of this benchmark do a motion that is given, and their torques follow from it. Those of `driven.py`
+are driven: a controller turns motors over something elastic against a load, friction sticks over a travel, and the
+drive makes its speed of the encoder's steps. Accelerations ring, and motion and torque share the controller's errors.
 """
 
 from __future__ import annotations
 
 import json
-import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.real_logs.make import GEARED, written
+from benchmarks.real_logs.driven import MACHINES, SAMPLE, STEP
+from benchmarks.real_logs.make import GEARED, LINEAR, ROOT, written
 
 MOTIONS = ("pick_and_place", "multi_sine", "passes")
-EFFECTS = {"none": None, "viscous": "gear", "stribeck": "gear", "torque_constant": "motor", "torque_ripple": "motor",
-           "time_delay": "torque"}
-RATIO, ROTOR, MASS, LENGTH, INERTIA, GRAVITY = 50.0, 1e-4, 4.0, 0.3, 0.05, 9.80665
-STEP, CONTROL, SAMPLE = 5e-5, 1e-3, 5e-3
-"""Of the integration, the controller and the log [s]."""
 SETTLED, LONG = 2.0, 45.0
 """When the log begins and ends [s]."""
-CURRENT = 8e-4
-"""Time constant of the torque behind its command [s]."""
-COUNTS = 4096
-"""Steps of the encoder a turn of the motor."""
+RANGES = {"leg": ((-0.3, 1.2), (-1.4, 0.0)), "axis": ((-0.15, 0.15),)}
+"""Of each axis [rad, or m]."""
+DIRECTIONS = {1: ((1.0,),), 2: ((0.0, 1.0), (0.75, 0.25), (0.75, -0.25))}
+"""Of the passes: of one axis, or of hip and knee on the paper's three lines."""
 
 
-@dataclass
-class Drive:
-    """What a drive is made of; SI units, friction at the motor's side of the gear.
+def cases():
+    """Machine, motion and effect of every kind of log, one after another.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    effect : str
-        Hidden, one of `EFFECTS`.
+    Yields
+    ------
+    (str, str, str)
     """
-
-    rng: np.random.Generator
-    effect: str
-
-    def __post_init__(self):
-        rng = self.rng
-        self.stiffness = 10 ** rng.uniform(2.9, 3.7)
-        self.damping = 0.01 * math.sqrt(self.stiffness * (INERTIA + MASS * LENGTH ** 2))
-        self.f0, self.mu, self.travel = rng.uniform(0.03, 0.08), rng.uniform(0.85, 0.95), rng.uniform(2e-3, 2e-2)
-        self.hidden = {
-            "none": dict, "viscous": lambda: {"b": rng.uniform(4e-4, 1.2e-3)},
-            "stribeck": lambda: {"fs": rng.uniform(0.8, 1.5) * self.f0, "ws": rng.uniform(1.0, 3.0)},
-            "torque_constant": lambda: {"g": float(rng.choice([0.8, 1.2]))},
-            "torque_ripple": lambda: {"A": rng.uniform(0.02, 0.04), "n": 7.0, "phase": 0.4},
-            "time_delay": lambda: {"d": SAMPLE * int(rng.integers(2, 6))}}[self.effect]()
-
-    def run(self, wanted):
-        """Follow a motion of the joint.
-
-        Parameters
-        ----------
-        wanted : ndarray, shape (n,)
-            Angle of the joint at every `STEP` [rad].
-
-        Returns
-        -------
-        ndarray, shape (4, samples)
-            Angle of the motor, true torque of its current, torque and angle of the joint, at every `SAMPLE`.
-        """
-        goal, rate = (RATIO * wanted).tolist(), (RATIO * np.gradient(wanted, STEP)).tolist()
-        weight, inertia = MASS * GRAVITY * LENGTH, INERTIA + MASS * LENGTH ** 2
-        own_share, share = 2 * self.mu / (1 + self.mu), 2 * (1 - self.mu) / (1 + self.mu)
-        b, fs, ws = (self.hidden.get(n, 1.0 if n == "ws" else 0.0) for n in ("b", "fs", "ws"))
-        theta, omega, q, dq = goal[0], 0.0, wanted[0] - weight * math.sin(wanted[0]) / self.stiffness, 0.0
-        state = torque = command = 0.0
-        held = weight * math.sin(wanted[0]) / RATIO
-        told, control, sample = [], round(CONTROL / STEP), round(SAMPLE / STEP)
-        for k in range(len(goal)):
-            if k % control == 0:
-                held += 1e-4 * (goal[k] - theta)
-                command = min(1.2, max(-1.2, 0.08 * (goal[k] - theta) + 4e-3 * (rate[k] - omega) + held))
-            joint = self.stiffness * (theta / RATIO - q) + self.damping * (omega / RATIO - dq)
-            if k % sample == 0:
-                told.append((theta, torque, joint, q))
-            out, lost = joint / RATIO, 0.0
-            own = own_share * (self.f0 + fs * math.exp(-(omega / ws) ** 2))
-            for _ in range(2):  # the loss is of the mean load, half of it above what goes out
-                lost = state * (own + share * abs(out + lost / 2)) + b * omega
-            torque += (command - torque) * STEP / CURRENT
-            state = math.copysign(1, omega) + (state - math.copysign(1, omega)) * math.exp(
-                -abs(omega) * STEP / self.travel)
-            omega += STEP * (torque - lost - out) / ROTOR
-            theta += STEP * omega
-            dq += STEP * (joint - weight * math.sin(q)) / inertia
-            q += STEP * dq
-        return np.array(told).T
+    for machine in MACHINES:
+        for motion in MOTIONS:
+            yield from ((machine, motion, effect) for effect in MACHINES[machine].effects)
 
 
-def motion(name, rng):
-    """Angle of the joint that the controller is given, at every `STEP` [rad].
+def wanted(machine, name, rng):
+    """Angles of the axes that the controller is given, at every `STEP`.
 
     Parameters
     ----------
+    machine : str
+        One of `MACHINES`.
     name : str
         One of `MOTIONS`.
     rng : numpy.random.Generator
 
     Returns
     -------
-    ndarray, shape (n,)
+    ndarray, shape (axes, n)
+        In rad, or m.
     """
+    if machine == "geared":
+        return _joint(name, rng)[None]
+    ranges = np.array(RANGES[machine])
+    middle, reach = ranges.mean(1)[:, None], np.diff(ranges) / 2
+    n = round(LONG / STEP)
+    if name == "multi_sine":
+        time, x = STEP * np.arange(n), []
+        for _ in ranges:
+            sizes = rng.uniform(0.3, 1.0, 4) * (1, 0.8, 0.6, 0.4)
+            waves = zip((0.11, 0.23, 0.37, 0.53), sizes / sizes.sum(), rng.uniform(0, 6.28, 4))
+            x.append(sum(a * np.sin(2 * np.pi * f * time + p) for f, a, p in waves))
+        return middle + reach * np.array(x)
+    return middle + reach * (_passes(machine, n) if name == "passes" else _places(machine, n, rng))
+
+
+def _joint(name, rng):
+    """Angle of the one geared joint, at every `STEP` [rad]; rests between moves are of any length."""
     n = round(LONG / STEP)
     if name == "multi_sine":
         time = STEP * np.arange(n)
@@ -138,15 +96,45 @@ def motion(name, rng):
     return wanted
 
 
-def make(name, effect, seed, folder):
-    """Write the log of a drive under control, its study and what is true of it.
+def _places(machine, n, rng):
+    """From one place to another, with rests, as shares of the range."""
+    pieces, at = [], np.zeros(len(RANGES[machine]))
+    usual = MACHINES[machine].speeds[1] / np.max(np.diff(RANGES[machine]) / 2)
+    while sum(p.shape[1] for p in pieces) < n:
+        goal = rng.uniform(-1, 1, len(at))
+        s = np.linspace(0, 1, round(max(0.4, np.max(abs(goal - at)) / (usual * rng.uniform(0.7, 2.5))) / STEP))
+        pieces += [np.repeat(at[:, None], round(rng.uniform(0.2, 1.0) / STEP), 1),
+                   at[:, None] + (goal - at)[:, None] * s ** 3 * (10 - 15 * s + 6 * s ** 2)]
+        at = goal
+    return np.concatenate(pieces, 1)[:, :n]
+
+
+def _passes(machine, n):
+    """From the middle to both ends at constant speeds, line by line; corners are rounded over 0.1 s."""
+    pieces, stay = [], round(0.4 / STEP)
+    reach = np.max(np.diff(RANGES[machine]) / 2)
+    while sum(p.shape[1] for p in pieces) < n:
+        for line in np.array(DIRECTIONS[len(RANGES[machine])]):
+            for speed in MACHINES[machine].speeds:
+                half = np.linspace(0, 1, round(reach * abs(line).max() / speed / STEP))
+                way = [half, np.full(stay, 1.0), half[::-1]]
+                pieces.append(line[:, None] * np.concatenate([*way, *(-x for x in way)]))
+    told, half = np.concatenate(pieces, 1)[:, :n], round(0.05 / STEP)
+    window = np.full(2 * half + 1, 1 / (2 * half + 1))
+    return np.array([np.convolve(np.pad(x, half, mode="edge"), window, "valid") for x in told])
+
+
+def make(machine, motion, effect, seed, folder):
+    """Write the log of a machine under control, its study and what is true of it.
 
     Parameters
     ----------
-    name : str
+    machine : str
+        One of `MACHINES`.
+    motion : str
         One of `MOTIONS`.
     effect : str
-        One of `EFFECTS`; friction builds up over a travel beside it, which may be named where it shows.
+        One of the machine's `effects`; what the machine has `beside` it may be named where it shows.
     seed : int
     folder : Path
 
@@ -155,24 +143,37 @@ def make(name, effect, seed, folder):
     Path
         Of the study.
     """
-    rng = np.random.default_rng([seed, MOTIONS.index(name), list(EFFECTS).index(effect)])
-    drive, folder = Drive(rng, effect), Path(folder)
-    theta, tau, C, _ = drive.run(motion(name, rng))
-    v = drive.hidden
-    tau = v.get("g", 1.0) * tau + v.get("A", 0.0) * np.sin(v.get("n", 0.0) * theta + v.get("phase", 0.0))
+    about = MACHINES[machine]
+    rng = np.random.default_rng([seed, MOTIONS.index(motion), list(about.effects).index(effect)])
+    plant, folder = about(rng, effect), Path(folder)
+    log, v, place = plant.run(wanted(machine, motion, rng)), plant.hidden, about.effects[effect]
     late, first = round(v.get("d", 0.0) / SAMPLE), round(SETTLED / SAMPLE)
-    tau = tau[first - late:len(tau) - late]
-    theta, C = (x[first:] for x in (theta, C))
-    theta = np.round(theta * COUNTS / (2 * np.pi)) * 2 * np.pi / COUNTS
-    tau = np.round((tau + rng.normal(0, 2e-3, len(tau))) / 5e-4) * 5e-4
-    log = {"time": SAMPLE * np.arange(len(theta)), "theta": theta, "omega": np.gradient(theta, SAMPLE), "tau": tau,
-           "C": C + rng.normal(0, 0.05, len(C))}
+    for name in [n for n in log if n.startswith(("tau", "F"))]:
+        on = 1.0 if place in ("motor", "torque", "force") or place == f"motor{name[3:]}" else 0.0
+        angle = log["x"] if name == "F" else log[name.replace("tau", "theta")]
+        factor = 1 + on * (v.get("g", 1.0) - 1)
+        log[name] = factor * log[name] + on * (v.get("o", 0.0) + v.get("A", 0.0) * np.sin(
+            v.get("n", 0.0) * angle + v.get("phase", 0.0)))
+    n = len(next(iter(log.values())))
+    told = {"time": SAMPLE * np.arange(n - first)}
+    for name, x in log.items():
+        back = late if name.startswith(("tau", "F")) else 0
+        told[name] = x[first - back:n - back]
+    for name in [n for n in told if n.startswith("theta") or n == "x"]:
+        step = 2 * np.pi / about.counts
+        told[name] = np.round(told[name] / step) * step
+        told[name.replace("theta", "omega").replace("x", "v")] = np.gradient(told[name], SAMPLE)
+    for name, (noise, step) in about.noise.items():
+        told[name] = told[name] + rng.normal(0, noise, n - first) if noise else told[name]
+        told[name] = np.round(told[name] / step) * step if step else told[name]
     folder.mkdir(parents=True, exist_ok=True)
-    written(folder / "run1.csv", log)
-    text = GEARED.replace("runs = []", 'runs = ["run1.csv"]', 1).replace('"unknown"', '"sensor"', 1)
+    written(folder / "run1.csv", told)
+    text = {"geared_joint": GEARED, "linear_axis": LINEAR}.get(about.study) or (
+        ROOT / "examples" / about.study / "study.toml").read_text()
+    text = text.replace("runs = []", 'runs = ["run1.csv"]', 1).replace('"unknown"', '"sensor"', 1)
     (folder / "study.toml").write_text(text)
-    truth = {"hidden": [[effect, EFFECTS[effect]]] if v else [], "coefficients": [v] if v else [],
-             "beside": [["presliding", "gear"]], "own_size": 1.0, "travel": drive.travel, "samples": len(theta),
-             "f0": drive.f0, "mu": drive.mu}
+    truth = {"hidden": [[effect, place]] if v else [], "coefficients": [v] if v else [], "beside": about.beside,
+             "own_size": 1.0, "travel": plant.travel, "samples": n - first, "f0": plant.f0, "mu": getattr(
+                 plant, "mu", 1.0)}
     (folder / "truth.json").write_text(json.dumps(truth))
     return folder / "study.toml"

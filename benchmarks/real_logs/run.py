@@ -5,7 +5,7 @@
     python -m benchmarks.real_logs.run oracle rows.jsonl      adds what nobody could tell apart to the rows
 
 Each condition has `--seeds` logs with nothing hidden and `--hidden` times as many with effects; rows that the output
-file already holds are not run again. `--conditions all` is every condition, `closed_loop` the driven machine of
+file already holds are not run again. `--conditions all` is every condition, `closed_loop` the driven machines of
 `closed_loop.py`, `measured` the studies of `examples` on measured data beside the project. Each run has a limit of time
 and of memory, and its peak memory is recorded.
 """
@@ -201,12 +201,12 @@ def scenario(name, seed, bare=False):
     return {**row, "score": score(row)}
 
 
-def driven(motion, effect, seed, bare=False):
-    """Make the log of a drive under control, and improve its study.
+def driven(machine, motion, effect, seed, bare=False):
+    """Make the log of a machine under control, and improve its study.
 
     Parameters
     ----------
-    motion, effect : str
+    machine, motion, effect : str
     seed : int
     bare : bool
         As of `call`.
@@ -215,9 +215,10 @@ def driven(motion, effect, seed, bare=False):
     -------
     dict
     """
-    row = {"case": f"closed_loop:{motion}:{effect}:{seed}", "condition": "closed_loop", "what": effect, "seed": seed}
+    row = {"case": f"closed_loop:{machine}:{motion}:{effect}:{seed}", "condition": "closed_loop", "what": effect,
+           "seed": seed}
     with tempfile.TemporaryDirectory() as folder:
-        study = closed_loop.make(motion, effect, seed, folder)
+        study = closed_loop.make(machine, motion, effect, seed, folder)
         row |= json.loads((study.parent / "truth.json").read_text())
         row |= call("improve", study, study.parent / "out", bare)
     return {**row, "score": score(row)}
@@ -353,8 +354,8 @@ def main():
     work = [partial(run, c, args.verb, args.keep, args.bare) for c in planned]
     work += [partial(scenario, name, s, args.bare) for s in range(args.first, args.first + args.seeds)
              for name in SCENARIOS if "scenario" in wanted]
-    work += [partial(driven, m, e, s, args.bare) for s in range(args.first, args.first + args.seeds)
-             for m in closed_loop.MOTIONS for e in closed_loop.EFFECTS if "closed_loop" in wanted]
+    work += [partial(driven, *kind, s, args.bare) for s in range(args.first, args.first + args.seeds)
+             for kind in closed_loop.cases() if "closed_loop" in wanted]
     work += [partial(measured, name, args.bare) for name in MEASURED if "measured" in wanted]
     _work(work, args)
 
@@ -376,7 +377,7 @@ def _name(work):
     if work.func is run:
         return work.args[0].name
     if work.func is driven:
-        return "closed_loop:" + ":".join(map(str, work.args[:3]))
+        return "closed_loop:" + ":".join(map(str, work.args[:4]))
     return f"scenario:{work.args[0]}::{work.args[1]}" if work.func is scenario else f"measured:{work.args[0]}"
 
 

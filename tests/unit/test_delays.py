@@ -211,7 +211,7 @@ C = {{ variable = "C", unit = "N.m" }}
     ("time_delay", (-2e-3, -1e-3, 1e-3, 2e-3)), ("low_pass", (5e-4, 1e-3, 2e-3))])
 def test_less_than_a_sample_of_delay_takes_no_noise_of_accelerations_away(effect, values, tmp_path):
     """What the motion predicts of a torque holds their noise; between samples, and filtered, there would be less."""
-    data = Dataset(load_study(closed_loop.make("passes", "none", 1, tmp_path)), Library())
+    data = Dataset(load_study(closed_loop.make("geared", "passes", "none", 1, tmp_path)), Library())
     model = compile_model(data.library, data.study.rig, [("presliding", "gear"), (effect, "torque")])
     name = {"time_delay": "time_delay_torque.d", "low_pass": "low_pass_torque.T"}[effect]
     free = [n for n in data.parameters.free(model) if n != name]
