@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.lapack import dgbsv
+from scipy.linalg.lapack import dtbtrs
 from scipy.optimize import minimize
 
 BLOCKS = 2500  # means that the memory of the noise is estimated from
@@ -21,6 +21,7 @@ LONGEST = 32  # samples of one mean at most
 STRETCHES = 5.0
 """Times that a log must hold the memory of its noise: what it holds less often is a trend, of which it shows one."""
 VALLEYS = 3  # memories of the grid from which the search starts: the likelihood may have another valley at the longest
+_WAY = 6  # points of the straight way from a start to a valley, on which a ridge between both would show
 _MANY = 40  # means of that many samples, of which fewer tell little of a memory
 COARSE = 16  # samples of the means that must tell of the same noise as single samples do
 PROVED = 3.0  # least gain in log-likelihood for which correlated noise is assumed: 5 % by chance (its two parameters)
@@ -204,9 +205,9 @@ class Noise:
 
 def _recursion(factor, drive):
     """Solve ``x[k] = factor[k] x[k - 1] + drive[k]`` along the last axis, from ``x[0] = drive[0]``."""
-    bands = np.ones((2, len(factor)))
+    bands = np.ones((2, len(factor)), order="F")
     bands[1, :-1] = -factor[1:]
-    return dgbsv(1, 0, np.concatenate([np.zeros((1, len(factor))), bands]), drive.T)[2].T
+    return dtbtrs(bands, drive.T, uplo="L", diag="U")[0].T
 
 
 def _innovations(rows, own, from_before, spread):
@@ -322,7 +323,9 @@ def _told_by(means):
     """The noise that is likeliest by means; None where that is white."""
     times = np.linspace(math.log(means.least), math.log(means.longest), 4)
     starts = sorted((min(((r, t) for r in (-2.5, -1.0, 0.5)), key=means.misfit) for t in times), key=means.misfit)
-    found = min((_least(means.misfit, x) for x in starts[:VALLEYS]), key=lambda f: f.fun)
+    found = _least(means.misfit, starts[0])
+    for x in (x for x in starts[1:VALLEYS] if _apart(means.misfit, x, found.x)):
+        found = min(found, _least(means.misfit, x), key=lambda f: f.fun)
     if found.fun > means.misfit((-50.0, found.x[1])) - PROVED:
         return None
     r, t = means.inside(found.x)
@@ -334,6 +337,12 @@ def _least(misfit, x):
     """The least misfit near a start."""
     return minimize(misfit, x, method="Nelder-Mead", options={
         "xatol": 0.03, "fatol": 0.03, "maxfev": 50, "initial_simplex": [x, (x[0] + 0.6, x[1]), (x[0], x[1] + 0.6)]})
+
+
+def _apart(misfit, start, least):
+    """Whether the straight way from a start to a least misfit goes up anywhere: another valley may lie there."""
+    way = [misfit(tuple((1 - t) * a + t * b for a, b in zip(start, least))) for t in np.linspace(0, 1, _WAY)]
+    return any(later > before for before, later in zip(way, way[1:]))
 
 
 @dataclass

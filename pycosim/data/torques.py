@@ -17,6 +17,7 @@ from .noise import contiguous
 from .turns import built_up
 
 SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
+FALLS = (0.05, 0.2)  # of the fastest speed, over which a friction may fall
 _FEW = 20  # samples of a pass or a direction, of which nothing is predicted
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 SETTLED = 2.0  # time constants after which little is left of what is not known of the onset of a jump
@@ -67,14 +68,20 @@ def predicted(dataset, values, trusted=None):
 
 
 def _regressors(dataset, degree):
-    """Powers of the configuration up to a degree, and with the third one speeds and accelerations, one a row."""
+    """Powers of the configuration up to a degree, and with the third one rates, one a row.
+
+    Speeds, accelerations, and for each speed what falls with it as a Stribeck friction does: it changes within a ramp,
+    and a filter holds most back there.
+    """
     def make():
         span = np.maximum(np.ptp(dataset.config, axis=1, keepdims=True), 1e-9)
         x = 2 * (dataset.config - dataset.config.min(1, keepdims=True)) / span - 1
         rates = [v / np.std(v) for n, v in dataset.signals.items()
                  if degree == 3 and n.startswith("der(") and np.ptp(v) > 0]
+        ways = [np.abs(w) for w in dataset.speeds if degree == 3 and np.ptp(np.abs(w)) > 0]
+        falls = [np.exp(-w / (share * w.max())) for w in ways for share in FALLS]
         return np.array([*(np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(
-            range(degree + 1), repeat=len(x)) if sum(e) <= degree), *rates])
+            range(degree + 1), repeat=len(x)) if sum(e) <= degree), *rates, *falls])
     return dataset.memo(("torques.regressors", degree), make)
 
 
