@@ -18,6 +18,7 @@ from .turns import built_up
 
 SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
 FALLS = (0.05, 0.2)  # of the fastest speed, over which a friction may fall
+FOLDS = 5  # of passes
 _FEW = 20  # samples of a pass or a direction, of which nothing is predicted
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 SETTLED = 2.0  # time constants after which little is left of what is not known of the onset of a jump
@@ -50,12 +51,10 @@ def predicted(dataset, values, trusted=None):
         In the unit of the values; the values themselves where nothing moves.
     """
     trusted = dataset.moving if trusted is None else trusted
-    code = (np.sign(dataset.speeds) > 0).T @ (1 << np.arange(len(dataset.speeds))) + (
-        dataset.run << len(dataset.speeds) if dataset.paired else 0)
     found = values.copy()
-    for where in (dataset.moving & (code == c) for c in np.unique(code[dataset.moving])):
+    for where in _ways(dataset):
         told = where & trusted if np.count_nonzero(where & trusted) > _FEW else where
-        rows = _regressors(dataset, 3 if told.sum() > 1000 else 2 if told.sum() > 200 else 1)
+        rows = _regressors(dataset, _degree(told))
         a = rows[:, told]
         found[where] = np.linalg.lstsq(a @ a.T, a @ values[told], rcond=1e-10)[0] @ rows[:, where]
     for s in () if dataset.paired else contiguous(dataset.time, dataset.passes):
@@ -67,22 +66,75 @@ def predicted(dataset, values, trusted=None):
     return found
 
 
-def _regressors(dataset, degree):
-    """Powers of the configuration up to a degree, and with the third one rates, one a row.
+def _ways(dataset):
+    """Moving samples by the directions of all segments, and of paired runs by the run."""
+    code = (np.sign(dataset.speeds) > 0).T @ (1 << np.arange(len(dataset.speeds))) + (
+        dataset.run << len(dataset.speeds) if dataset.paired else 0)
+    return [dataset.moving & (code == c) for c in np.unique(code[dataset.moving])]
 
-    Speeds, accelerations, and for each speed what falls with it as a Stribeck friction does: it changes within a ramp,
-    and a filter holds most back there.
-    """
+
+def _degree(told):
+    """Degree of the polynomial that so many samples carry."""
+    return 3 if told.sum() > 1000 else 2 if told.sum() > 200 else 1
+
+
+def _regressors(dataset, degree):
+    """Powers of the configuration up to a degree, and with the third one speeds and accelerations, one a row."""
     def make():
         span = np.maximum(np.ptp(dataset.config, axis=1, keepdims=True), 1e-9)
         x = 2 * (dataset.config - dataset.config.min(1, keepdims=True)) / span - 1
         rates = [v / np.std(v) for n, v in dataset.signals.items()
                  if degree == 3 and n.startswith("der(") and np.ptp(v) > 0]
-        ways = [np.abs(w) for w in dataset.speeds if degree == 3 and np.ptp(np.abs(w)) > 0]
-        falls = [np.exp(-w / (share * w.max())) for w in ways for share in FALLS]
         return np.array([*(np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(
-            range(degree + 1), repeat=len(x)) if sum(e) <= degree), *rates, *falls])
+            range(degree + 1), repeat=len(x)) if sum(e) <= degree), *rates])
     return dataset.memo(("torques.regressors", degree), make)
+
+
+class _Falling:
+    """What of a torque falls with speed as a Stribeck friction does, the same for all directions and passes.
+
+    It changes within a ramp, where a filter holds most back, and the motion's polynomials do not follow it. Where
+    nothing falls its columns would bring noise: they are used if they predict passes that they were not fitted to.
+    """
+
+    def __init__(self, dataset, values, trusted):
+        self.dataset, self.trusted = dataset, trusted
+        self.columns = dataset.memo("torques.falling", lambda: np.array([
+            np.sign(w) * np.exp(-np.abs(w) / (share * np.abs(w).max()))
+            for w in dataset.speeds if np.ptp(np.abs(w)) > 0 for share in FALLS]).reshape(-1, len(values)))
+        self.used = len(self.columns) > 0 and self._predicts(values)
+
+    def of(self, values):
+        """What falls of such values, shape (n,)."""
+        if not self.used:
+            return np.zeros(len(values))
+        total = sum(self._moments(values))
+        return np.linalg.lstsq(total[:-1, :-1], total[:-1, -1], rcond=1e-10)[0] @ self.columns
+
+    def _predicts(self, values):
+        """Whether passes tell what falls in the others."""
+        parts, gains = self._moments(values), []
+        for own in parts if len(parts) > 1 else ():
+            rest = sum(parts) - own
+            x = np.linalg.lstsq(rest[:-1, :-1], rest[:-1, -1], rcond=1e-10)[0]
+            gains.append(2 * x @ own[:-1, -1] - x @ own[:-1, :-1] @ x)
+        return bool(np.sum(gains) > np.sqrt(np.sum(np.square(gains))))
+
+    def _moments(self, values):
+        """Moments of the columns and the values, beside what the motion predicts otherwise, fold by fold of passes."""
+        _, order = np.unique(self.dataset.passes, return_inverse=True)
+        parts = np.zeros((FOLDS, len(self.columns) + 1, len(self.columns) + 1))
+        for told in (where & self.trusted for where in _ways(self.dataset)):
+            a = _regressors(self.dataset, _degree(told))
+            rows, k = np.array([*a[:, told], *self.columns[:, told], values[told]]), len(a)
+            own = order[told]
+            count = np.maximum(np.bincount(own), 1)
+            rows -= np.array([np.bincount(own, row) / count for row in rows])[:, own]  # each pass from its own level
+            rows = rows[k:] - np.linalg.lstsq(rows[:k] @ rows[:k].T, rows[:k] @ rows[k:].T, rcond=1e-10)[0].T @ rows[:k]
+            for fold in range(FOLDS):
+                part = rows[:, own % FOLDS == fold]
+                parts[fold] += part @ part.T
+        return [part for part in parts if part.any()]
 
 
 def held_back(dataset, name, lag):
@@ -180,6 +232,7 @@ class _Start:
         parts = [(part, part[dataset.moving[part]]) for part in np.split(np.arange(len(values)), turns)]
         self.parts = [(part, moving) for part, moving in parts if moving.size]
         self.shares = [None] * len(self.parts)
+        self.falling = _Falling(dataset, values, self.trusted)
         self.torque = self.settled(values)
         if not dataset.averaged and dataset.base.segments:
             self.shares = min((self.shares, *map(self._shares, TRAVELS)), key=self._off)
@@ -187,7 +240,8 @@ class _Start:
 
     def settled(self, values):
         """What the motion predicts of a record, also before and after a pass, and while friction is built up."""
-        found = predicted(self.dataset, values, self.trusted)
+        falling = self.falling.of(values)
+        found = predicted(self.dataset, values - falling, self.trusted) + falling
         for (part, moving), share in zip(self.parts, self.shares, strict=True):
             if moving.size >= LEVEL.size:
                 found[moving[2:-2]] = np.convolve(found[moving], LEVEL, "valid")
