@@ -61,19 +61,26 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
             slope = one.at(delay, 1)
             found[name], back = one.at(delay), (lag * slope, slope)
         else:
-            near, apart = _nearest(time, run, delay)
-            slope, jumping = (s[near] for s in slopes[name])
-            own, beside = signals[name][near], signals[name][near + np.sign(apart).astype(int)]
-            ends = np.minimum(beside - own, 0.0), np.maximum(beside - own, 0.0)
-            found[name] = own + slope * apart + np.clip(jumping * apart, *ends)
-            if moved:
-                calm = moved(name, delay, found[name])
-                found[name] = np.where(np.isnan(calm), found[name], calm)
+            near, slope = slice(None), slopes[name][0]
+            if delay:
+                near, slope, found[name] = _moved(name, signals[name], time, run, delay, slopes[name], moved)
             back = [v[near] for v in held(name, lag)] if at_lag in question.inputs else ()
         found[f"at({name})"], found[f"der({name})"] = float(delay), slope
         if at_lag in question.inputs:
             found[name], found[at_lag], found[by_lag] = found[name] + back[0], float(lag), back[1]
     return found
+
+
+def _moved(name, values, time, run, delay, slopes, moved):
+    """The samples nearest to those a delay later, the slope there, and a measured torque moved by the delay."""
+    near, apart = _nearest(time, run, delay)
+    slope, jumping = (s[near] for s in slopes)
+    own, beside = values[near], values[near + np.sign(apart).astype(int)]
+    found = own + slope * apart + np.clip(jumping * apart, np.minimum(beside - own, 0.0), np.maximum(beside - own, 0.0))
+    if moved:
+        calm = moved(name, delay, found)
+        found = np.where(np.isnan(calm), found, calm)
+    return near, slope, found
 
 
 def _nearest(time, run, later):
