@@ -205,6 +205,8 @@ class Noise:
 
 def _recursion(factor, drive):
     """Solve ``x[k] = factor[k] x[k - 1] + drive[k]`` along the last axis, from ``x[0] = drive[0]``."""
+    if not drive.size:  # LAPACK's wrapper spoils memory with nothing to solve
+        return drive
     bands = np.ones((2, len(factor)), order="F")
     bands[1, :-1] = -factor[1:]
     return dtbtrs(bands, drive.T, uplo="L", diag="U")[0].T

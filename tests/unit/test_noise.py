@@ -144,3 +144,10 @@ def test_what_is_smooth_and_missing_takes_nothing_of_the_white_noise(period):
     for seed in range(3):
         values = 0.11 * np.random.default_rng(seed).standard_normal(len(time)) + 0.3 * np.sin(2 * np.pi * time / period)
         assert fit_noise(values, chained(time, np.zeros(len(time), int), False)).white == pytest.approx(0.11, rel=0.06)
+
+
+def test_no_rows_are_whitened_to_none():
+    """The wrapper of the solver behind it spoils memory where there is nothing to solve."""
+    chain, nothing = chained(TIME, GROUP, True), np.zeros((0, len(TIME)))
+    assert NOISE.whiten(nothing, chain).shape == nothing.shape
+    assert NOISE.covariance(nothing, chain).shape == (0, 0)
