@@ -366,7 +366,8 @@ class Dataset:
 
     def _split(self):
         held = [k for k, log in enumerate(self.logs) if log.held_out]
-        self.is_test = segmentation.split(self.blocks, len(self.logs), held)
+        self.is_test = segmentation.split(self.blocks, len(self.logs), held,
+                                          segmentation.ways(self.blocks, self.speeds, self.moving))
         self.fold = np.zeros(len(self.blocks), dtype=int)
         fitted = self.blocks.take(~self.is_test)
         runs, of_run = np.unique(fitted.run, return_inverse=True)

@@ -495,10 +495,44 @@ def _repeats(line, speed):
     return np.array(found, dtype=int)
 
 
+ALONE = 0.25
+"""Of a block's samples in a combination of directions, below which the others hold next to none of it; and of its
+samples, from which a block moves as the others do not."""
+
+
 # --- test part and folds --------------------------------------------------------------------------------------------
 
 
-def split(blocks, n_runs, held_out_runs=()):
+def ways(blocks, speeds, moving):
+    """How many samples of each block move in each combination of directions.
+
+    Parameters
+    ----------
+    blocks : Blocks
+        Of all runs.
+    speeds : ndarray, shape (segments, n)
+        Of all samples [rad/s], on a linear axis [m/s].
+    moving : ndarray of bool, shape (n,)
+        Those that count.
+
+    Returns
+    -------
+    ndarray of int, shape (b, combinations)
+    """
+    inside = moving & (blocks.index >= 0)
+    _, way = np.unique(speeds[:, inside] > 0, axis=1, return_inverse=True)
+    found = np.zeros((len(blocks), way.max(initial=-1) + 1), dtype=int)
+    np.add.at(found, (blocks.index[inside], way.ravel()), 1)
+    return found
+
+
+def _alone(ways, k, others):
+    """Share of a block's samples that move as next to none of the other blocks do."""
+    rest = ways[others].sum(0)
+    return ways[k][rest < ALONE * ways[k]].sum() / max(ways[k].sum(), 1)
+
+
+def split(blocks, n_runs, held_out_runs=(), ways=None):
     """Choose the test part, before any fit.
 
     Parameters
@@ -509,13 +543,16 @@ def split(blocks, n_runs, held_out_runs=()):
         Logs, also those without a block.
     held_out_runs : sequence of int
         Runs that the study holds out.
+    ways : ndarray of int, shape (b, combinations), optional
+        How many samples of each block move in each combination of directions; alike by default.
 
     Returns
     -------
     ndarray of bool, shape (b,)
         The held-out runs, else every fourth run. Fewer than four runs: the last repeat of each (line, speed), else
         every fourth block, or the last of fewer; of one alone, nothing. A run that was planned to follow another is
-        thus fitted, and not held out as a whole.
+        thus fitted, and not held out as a whole. A block that moves as no other does is fitted instead of its
+        neighbour: of its frictions the others would tell nothing.
 
     Raises
     ------
@@ -531,9 +568,13 @@ def split(blocks, n_runs, held_out_runs=()):
     keys = list(zip(blocks.line.tolist(), blocks.speed.tolist()))
     last = {key: k for k, key in enumerate(keys)}
     test = np.array([last[key] == k for k, key in enumerate(keys)], dtype=bool) & (blocks.repeat > 0)
-    if not test.any():
-        test[3::4] = True
-        test[-1] |= 1 < len(test) < 4
+    if not test.any() and len(test) > 1:
+        ways = np.ones((len(test), 1)) if ways is None else ways
+        for group in np.split(np.arange(len(test)), np.arange(4, len(test), 4)):
+            if len(group) < min(4, len(test)):
+                continue
+            alike = [k for k in group if _alone(ways, k, ~test & (np.arange(len(test)) != k)) < ALONE]
+            test[max(alike, default=group[-1])] = True
     return test
 
 

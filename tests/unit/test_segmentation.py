@@ -344,6 +344,20 @@ def test_of_fewer_than_four_files_none_is_held_out_as_a_whole():
     np.testing.assert_array_equal(np.flatnonzero(seg.split(means.take(np.arange(4) < 3), 3)), [2])
 
 
+def test_a_block_that_moves_as_no_other_does_is_fitted_instead_of_its_neighbour():
+    index = np.repeat(np.arange(4), 10)
+    blocks = seg.Blocks(index, np.zeros(4), np.arange(4), np.ones(4), np.zeros(4), np.zeros(4), np.ones(4))
+    one, other = np.ones(40), np.where(index == 3, -1.0, 1.0)
+    moving = np.arange(40) != 15  # still for a moment
+    ways = seg.ways(blocks, np.array([one, other]), moving)
+    assert ways.sum(1).tolist() == [10, 9, 10, 10]
+    np.testing.assert_array_equal(np.flatnonzero(seg.split(blocks, 1, ways=ways)), [2])
+    alike = seg.ways(blocks, np.array([one, np.where(index > 1, -1.0, 1.0)]), moving)
+    np.testing.assert_array_equal(np.flatnonzero(seg.split(blocks, 1, ways=alike)), [3])
+    lonely = seg.ways(blocks, np.where(np.arange(4)[:, None] == index, -1.0, 1.0), moving)
+    np.testing.assert_array_equal(np.flatnonzero(seg.split(blocks, 1, ways=lonely)), [3])
+
+
 def test_folds_share_out_lines_and_speeds():
     _, _, blocks = cut(manoeuvres(repeats=4))
     fit = blocks.take(~seg.split(blocks, 1))
