@@ -16,6 +16,7 @@ from .rivals import ALIKE, twins
 from .scores import LEVEL, PRESSED
 
 REFITS = 10
+BETWEEN = "shorter than half a sample, so that the samples do not show it"
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -187,7 +188,15 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
     finding.fit = min(fits, key=lambda f: _cost(f, usual))
     finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
     measure(finding, larger, larger.attached[-1], table)
+    if _between_samples(dataset, larger.attached[-1], finding.fit):
+        finding.refused = BETWEEN
     return True
+
+
+def _between_samples(dataset, attached, fit):
+    """Whether a filter was fitted that is done within half a sample: what straight lines between samples miss is alike."""
+    times = [fit.parameters[f"{component_name(*attached)}.{c}"] for c, kind in attached[0].scan.items() if kind == "lag"]
+    return bool(times) and max(times) < np.median(np.diff(dataset.time)) / 2
 
 
 def measure(finding, model, attached, table):
