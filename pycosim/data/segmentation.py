@@ -495,9 +495,9 @@ def _repeats(line, speed):
     return np.array(found, dtype=int)
 
 
-ALONE = 0.25
-"""Of a block's samples in a combination of directions, below which the others hold next to none of it; and of its
-samples, from which a block moves as the others do not."""
+RARE, ALONE = 0.25, 0.05
+"""Of a block's samples in a combination of directions, below which the others hold next to none of it; and of all its
+samples, from which it moves as the others do not."""
 
 
 # --- test part and folds --------------------------------------------------------------------------------------------
@@ -529,7 +529,7 @@ def ways(blocks, speeds, moving):
 def _alone(ways, k, others):
     """Share of a block's samples that move as next to none of the other blocks do."""
     rest = ways[others].sum(0)
-    return ways[k][rest < ALONE * ways[k]].sum() / max(ways[k].sum(), 1)
+    return ways[k][rest < RARE * ways[k]].sum() / max(ways[k].sum(), 1)
 
 
 def split(blocks, n_runs, held_out_runs=(), ways=None):
