@@ -103,6 +103,9 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     winner, provisional = (chosen if chosen and chosen.accepted else None), (
         chosen if chosen and chosen.provisional else None)
     channels = _channels(fit.error, floor, told, base, winner, dataset.steps, provisional, slow)
+    if dataset.is_test.any():
+        for name, left in errors(dataset, model, fit, "test").items():
+            channels[name]["held_out_error"] = left
     unknown = verdict == "unexplained" and not dataset.averaged and not any(f.contested for f in findings)
     found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single,
                       smallest(scores, LEVEL, MATTERS), varied(table), None, channels,

@@ -194,8 +194,9 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
 
 
 def _between_samples(dataset, attached, fit):
-    """Whether a filter was fitted that is done within half a sample: what straight lines between samples miss is alike."""
-    times = [fit.parameters[f"{component_name(*attached)}.{c}"] for c, kind in attached[0].scan.items() if kind == "lag"]
+    """Whether a filter was fitted that is done within half a sample, as what straight lines between samples miss is."""
+    lags = [c for c, kind in attached[0].scan.items() if kind == "lag"]
+    times = [fit.parameters[f"{component_name(*attached)}.{c}"] for c in lags]
     return bool(times) and max(times) < np.median(np.diff(dataset.time)) / 2
 
 

@@ -18,6 +18,7 @@ from . import cards
 
 LIKELIEST = 3  # effects that a first look names
 MOST = 0.5  # of the energy of what is left: the larger part
+UNSEEN = 3.0  # times the error of the fitted passes, from which that of held-out ones is of another kind
 
 # --- sentences ------------------------------------------------------------------------------------------------------
 
@@ -457,6 +458,12 @@ def _repeats(own):
     return any(d["strength"] > MOST for d in own["depends_on"] if d["variable"] != "time")
 
 
+def _off_where_held_out(channels):
+    """Channels that are slow for want of what only held-out passes show."""
+    return [c for c, own in channels.items() if own.get("slow")
+            and own.get("held_out_error", 0.0) > UNSEEN * own["error"]]
+
+
 def _unexplained(result, final):
     if contested := _contested(result, final):
         return [*contested, *certainty_of_unknown(result), _at_floor(result)]
@@ -465,7 +472,13 @@ def _unexplained(result, final):
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
     line += f"; what is left depends most on {joined(depends)}." if depends else "."
     slow = [c for c, own in result["channels"].items() if own.get("slow") and not _repeats(own)]
-    if slow:
+    unseen = _off_where_held_out(result["channels"])
+    if unseen:
+        own = {c: result["channels"][c] for c in unseen}
+        off = joined([f"{c} {number(v['held_out_error'])} instead of {number(v['error'])}" for c, v in own.items()])
+        line += (f" Held-out passes are off by far more than the fitted ones ({off}): they move as the fitted ones do "
+                 "not, or something changed before them. Fit more of the motion, or hold out other runs.")
+    if slow := [c for c in slow if c not in unseen]:
         line += (f" Most of what is left of {joined(slow)} is slower than noise and does not repeat: a reference that "
                  "drifts, or a loss that changes with time.")
     line += _refusals(result["candidates"])
@@ -536,6 +549,8 @@ def certainty_of_unknown(result):
         lines = [f"Very likely: what is left of {follows[0]} depends on {worded(follows[1])} also in parts of the log "
                  f"that this was not fitted to, by more than {ALARM:g} standard errors or more than chance does in one "
                  f"log of {round(1 / RARE)}."]
+    elif _off_where_held_out(blamed):
+        lines = [f"Very likely: held-out passes are off by more than {UNSEEN:g} times what the fitted ones are."]
     else:
         lines = [f"Likely: the error is more than {math.sqrt(SLOW):.2g} times the noise floor, which no simulated "
                  "machine with nothing hidden reached."]

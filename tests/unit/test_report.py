@@ -284,6 +284,19 @@ def test_an_unknown_that_no_candidate_tells_is_as_sure_as_the_test_that_found_it
         said, "The error of C_H is 2 times its noise floor (75 % of its energy is not noise)."]
 
 
+def test_held_out_passes_that_are_far_off_are_not_told_as_a_drift():
+    own = {"verdict": "unexplained", "error": 0.1, "floor": 0.1, "slow": True, "depends_on": [], "held_out_error": 2.0}
+    result = {"verdict": "unexplained", "candidates": [{"p_value": 0.3, "twins": []}], "residual_depends_on": [],
+              "channels": {"C_H": own}, "error": {"C_H": 0.1}, "noise_floor": {"C_H": 0.1}, "units": {"C_H": "N.m"},
+              "unexplained": None, "undetectable": [], "smallest_detectable": []}
+    told = " ".join(sentences.summary_diagnosis(result))
+    assert "Held-out passes are off by far more than the fitted ones (C_H 2 instead of 0.1)" in told
+    assert "Very likely: held-out passes are off by more than 3 times" in told and "drifts" not in told
+    own["held_out_error"] = 0.15
+    told = " ".join(sentences.summary_diagnosis(result))
+    assert "a reference that drifts" in told and "Held-out" not in told
+
+
 def test_what_the_data_cannot_tell_apart_is_said_marked_and_asked_for(found):
     dataset, improvement, _, _ = found
     twins = [{"effect": "torque_offset", "place": "motor2"}]
