@@ -27,6 +27,7 @@ _SHORTEST = 5  # samples of a pass that can be one half of a block
 _SHORT = 0.25  # of the tolerance: a movement over a shorter distance does not count as a pass
 _OPPOSITE = -0.9  # cosine between the directions of out and back
 _MOSTLY = 0.5  # share of the motion that goes out and back in a run that is cut by that
+_WHOLLY, _ENOUGH = 0.9, 8  # that share, and the blocks below which it is asked for: five folds and a test part
 _STRETCHES = 20  # blocks of any other run: five folds of some, and a test part
 
 
@@ -372,26 +373,34 @@ def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
     Blocks
         In order of time; every sample is in exactly one. Passes without a way back belong to the nearest block. A run
         of which less than half goes out and back is cut into some twenty stretches at reversals and rests, never
-        inside a pass; a run of one pass is one block.
+        inside a pass; a run of one pass is one block. Where that leaves too few to select on, so is a run of which
+        some goes another way.
     """
     time, config, pass_id = np.asarray(time), np.atleast_2d(config), np.asarray(pass_id)
     run = np.zeros(time.size, dtype=int) if run is None else np.asarray(run)
     tolerance = 0.02 * _extent(config) if tolerance is None else tolerance
     known = list(_summaries(config, pass_id, run).values())
-    index, members, heads, free = np.empty(time.size, dtype=int), [], [], []
-    for a, b in _stretches(run):
-        mine = [p for p in known if a <= p.first < b]
-        found = _couples(mine, tolerance)
-        ends = _ends(mine, time, np.atleast_2d(speeds))
-        straight = len(mine) < 2 or _out_and_back(mine, found, ends) >= _MOSTLY
-        if not straight:
-            found = _groups(mine, ends)
-        cuts = [_cut(mine, p[-1], q[0], time) for p, q in zip(found, found[1:])]
-        index[a:b] = len(members) + np.searchsorted(cuts, time[a:b], side="right")
-        found = found or [[max(mine, key=lambda p: p.length)] if mine else []]
-        members += found
-        heads += [group[0] if straight and group else None for group in found]
-        free += [not straight] * len(found)
+
+    def cut(mostly):
+        index, members, heads, free = np.empty(time.size, dtype=int), [], [], []
+        for a, b in _stretches(run):
+            mine = [p for p in known if a <= p.first < b]
+            found = _couples(mine, tolerance)
+            ends = _ends(mine, time, np.atleast_2d(speeds))
+            straight = len(mine) < 2 or _out_and_back(mine, found, ends) >= mostly
+            if not straight:
+                found = _groups(mine, ends)
+            cuts = [_cut(mine, p[-1], q[0], time) for p, q in zip(found, found[1:])]
+            index[a:b] = len(members) + np.searchsorted(cuts, time[a:b], side="right")
+            found = found or [[max(mine, key=lambda p: p.length)] if mine else []]
+            members += found
+            heads += [group[0] if straight and group else None for group in found]
+            free += [not straight] * len(found)
+        return index, members, heads, free
+
+    index, members, heads, free = cut(_MOSTLY)
+    if len(members) < _ENOUGH:
+        index, members, heads, free = cut(_WHOLLY)
     bounds = _stretches(index)
     speed = _speed_keys(np.array([_level(speeds, pass_id, group) for group in members]))
     line, free = _line_keys(heads, tolerance), np.array(free, dtype=bool)

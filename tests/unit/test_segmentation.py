@@ -59,6 +59,11 @@ def cut(motion, **options):
     return mask, ids, seg.blocks(motion.time, motion.theta, ids, motion.speeds, **options)
 
 
+def later(motion, begin):
+    keep = motion.time > begin
+    return Motion(motion.time[keep], motion.theta[:, keep], motion.speeds[:, keep], motion.label[keep])
+
+
 def names(motion, mask):
     return "".join(dict.fromkeys(motion.label[mask]))
 
@@ -207,11 +212,17 @@ def test_every_sample_is_in_exactly_one_block_contiguous_in_time():
 
 
 def test_passes_without_a_way_back_join_the_neighbouring_block():
-    motion = manoeuvres(repeats=1, speeds=(1.6,), lines="CA")
-    keep = motion.time > 3.0  # C is gone, D is left alone
-    motion = Motion(motion.time[keep], motion.theta[:, keep], motion.speeds[:, keep], motion.label[keep])
+    motion = later(manoeuvres(repeats=5, speeds=(1.6,), lines="CA"), 3.6)  # C is gone, D is left alone
     _, ids, blocks = cut(motion)
-    assert len(blocks) == 1 and names(motion, ids >= 0).endswith("DAB")
+    assert len(blocks) == 9 and blocks.straight and names(motion, ids >= 0).startswith("DAB")
+
+
+def test_of_few_passes_some_without_a_way_back_each_is_a_stretch_of_its_own():
+    motion = later(manoeuvres(repeats=1, speeds=(1.6,), lines="CA"), 3.6)
+    _, ids, blocks = cut(motion)
+    assert len(blocks) == 3 and not blocks.straight and names(motion, ids >= 0) == "DAB"
+    _, _, whole = cut(manoeuvres(repeats=1, speeds=(1.6,), lines="CA"))
+    assert len(whole) == 2 and whole.straight
 
 
 def test_a_staircase_of_speeds_is_one_block():
