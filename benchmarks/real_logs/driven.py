@@ -54,8 +54,8 @@ class Friction:
 
 
 @dataclass
-class Geared:
-    """A motor turns a pendulum over an elastic gear of 50.
+class Driven:
+    """A machine with its controller.
 
     Parameters
     ----------
@@ -67,6 +67,14 @@ class Geared:
 
     rng: np.random.Generator
     effect: str
+
+    def __post_init__(self):
+        self.hidden = {}  # coefficients of the effect; each machine draws its own
+
+
+class Geared(Driven):
+    """A motor turns a pendulum over an elastic gear of 50."""
+
     study, counts, axes = "geared_joint", 4096, 1
     effects = {"none": None, "viscous": "gear", "stribeck": "gear", "torque_constant": "motor",
                "torque_ripple": "motor", "time_delay": "torque"}
@@ -125,20 +133,9 @@ class Geared:
         return dict(zip(("theta", "tau", "C"), np.array(told).T))
 
 
-@dataclass
-class Leg:
-    """Two motors turn hip and knee of a leg over two elastic lines of two stages each.
+class Leg(Driven):
+    """Two motors turn hip and knee of a leg over two elastic lines of two stages each."""
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws what the machine is made of.
-    effect : str
-        Hidden, one of `effects`.
-    """
-
-    rng: np.random.Generator
-    effect: str
     study, counts, axes = "hip_knee", 16384, 2
     effects = {"none": None, "viscous": "1A", "stribeck": "2A", "direction_asymmetry": "1A",
                "torque_constant": "motor1", "torque_ripple": "motor2", "time_delay": "torque"}
@@ -223,20 +220,9 @@ class Leg:
         return dict(zip(("theta1", "theta2", "tau1", "tau2", "q_H", "q_K", "C_H", "C_K"), np.array(told).T))
 
 
-@dataclass
-class Axis:
-    """A drive pushes a carriage along a guide over a stiff spring: what it measures is its own force and way.
+class Axis(Driven):
+    """A drive pushes a carriage along a guide over a stiff spring: what it measures is its own force and way."""
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws what the machine is made of.
-    effect : str
-        Hidden, one of `effects`.
-    """
-
-    rng: np.random.Generator
-    effect: str
     study, counts, axes = "linear_axis", 2 * math.pi / 2e-6, 1
     effects = {"none": None, "stribeck": "guide", "viscous_asymmetry": "guide", "torque_offset": "motor",
                "torque_ripple": "motor", "time_delay": "force"}

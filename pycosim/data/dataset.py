@@ -352,7 +352,8 @@ class Dataset:
         if not self.moving.any():
             raise DataError(f"{self.logs[0].path}: nothing moves: no sample has every segment faster than w_min = "
                             f"{self.w_min:.3g} {self.speed_unit}; record motion, or lower w_min in the study")
-        self.blocks = segmentation.blocks(self.time, self.config, self.passes, self.speeds, self.run)
+        self.blocks = segmentation.blocks(self.time, self.config, self.passes, self.speeds, self.run,
+                                          paired=self.paired)
         self.block = self.blocks.index
 
     def _size(self):

@@ -29,6 +29,9 @@ _OPPOSITE = -0.9  # cosine between the directions of out and back
 _MOSTLY = 0.5  # share of the motion that goes out and back in a run that is cut by that
 _WHOLLY, _ENOUGH = 0.9, 8  # that share, and the blocks below which it is asked for: five folds and a test part
 _STRETCHES = 20  # blocks of any other run: five folds of some, and a test part
+_RARE, _LONELY = 0.25, 0.05
+"""Of a block's samples in a combination of directions, below which the others hold next to none of it; and of all its
+samples, from which it moves as the others do not."""
 
 
 # --- moving ---------------------------------------------------------------------------------------------------------
@@ -350,7 +353,7 @@ class Blocks:
         return replace(self, index=number[self.index], **parts)
 
 
-def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
+def blocks(time, config, pass_id, speeds, run=None, tolerance=None, paired=False):
     """Cut runs into out-and-back blocks, or into stretches where most of the motion is another.
 
     Parameters
@@ -367,6 +370,8 @@ def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
         Number of the log that each sample belongs to; all of one by default.
     tolerance : float, optional
         Distance [rad] within which two lines are one; default 2 % of the travelled region.
+    paired : bool
+        Whether a way back is compared with its way out, which `pairs` looks for in the same block.
 
     Returns
     -------
@@ -374,7 +379,7 @@ def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
         In order of time; every sample is in exactly one. Passes without a way back belong to the nearest block. A run
         of which less than half goes out and back is cut into some twenty stretches at reversals and rests, never
         inside a pass; a run of one pass is one block. Where that leaves too few to select on, so is a run of which
-        some goes another way.
+        some goes another way, if that makes more of them, and no pairs are parted.
     """
     time, config, pass_id = np.asarray(time), np.atleast_2d(config), np.asarray(pass_id)
     run = np.zeros(time.size, dtype=int) if run is None else np.asarray(run)
@@ -398,9 +403,10 @@ def blocks(time, config, pass_id, speeds, run=None, tolerance=None):
             free += [not straight] * len(found)
         return index, members, heads, free
 
-    index, members, heads, free = cut(_MOSTLY)
-    if len(members) < _ENOUGH:
-        index, members, heads, free = cut(_WHOLLY)
+    found = cut(_MOSTLY)
+    if not paired and len(found[1]) < _ENOUGH:
+        found = max(found, cut(_WHOLLY), key=lambda cut: len(cut[1]))
+    index, members, heads, free = found
     bounds = _stretches(index)
     speed = _speed_keys(np.array([_level(speeds, pass_id, group) for group in members]))
     line, free = _line_keys(heads, tolerance), np.array(free, dtype=bool)
@@ -504,12 +510,23 @@ def _repeats(line, speed):
     return np.array(found, dtype=int)
 
 
-RARE, ALONE = 0.25, 0.05
-"""Of a block's samples in a combination of directions, below which the others hold next to none of it; and of all its
-samples, from which it moves as the others do not."""
-
-
 # --- test part and folds --------------------------------------------------------------------------------------------
+
+
+def directions(speeds):
+    """A number for each combination of directions.
+
+    Parameters
+    ----------
+    speeds : ndarray, shape (segments, n)
+        Of all samples, in any unit.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        Below two to the power of the segments.
+    """
+    return (speeds > 0).T @ (1 << np.arange(len(speeds)))
 
 
 def ways(blocks, speeds, moving):
@@ -529,16 +546,16 @@ def ways(blocks, speeds, moving):
     ndarray of int, shape (b, combinations)
     """
     inside = moving & (blocks.index >= 0)
-    _, way = np.unique(speeds[:, inside] > 0, axis=1, return_inverse=True)
+    _, way = np.unique(directions(speeds[:, inside]), return_inverse=True)
     found = np.zeros((len(blocks), way.max(initial=-1) + 1), dtype=int)
-    np.add.at(found, (blocks.index[inside], way.ravel()), 1)
+    np.add.at(found, (blocks.index[inside], way), 1)
     return found
 
 
 def _alone(ways, k, others):
     """Share of a block's samples that move as next to none of the other blocks do."""
     rest = ways[others].sum(0)
-    return ways[k][rest < RARE * ways[k]].sum() / max(ways[k].sum(), 1)
+    return ways[k][rest < _RARE * ways[k]].sum() / max(ways[k].sum(), 1)
 
 
 def split(blocks, n_runs, held_out_runs=(), ways=None):
@@ -582,7 +599,7 @@ def split(blocks, n_runs, held_out_runs=(), ways=None):
         for group in np.split(np.arange(len(test)), np.arange(4, len(test), 4)):
             if len(group) < min(4, len(test)):
                 continue
-            alike = [k for k in group if _alone(ways, k, ~test & (np.arange(len(test)) != k)) < ALONE]
+            alike = [k for k in group if _alone(ways, k, ~test & (np.arange(len(test)) != k)) < _LONELY]
             test[max(alike, default=group[-1])] = True
     return test
 

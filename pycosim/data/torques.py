@@ -14,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ..dynamics.delays import between
 from ..dynamics.filters import first_order, settings
 from .noise import contiguous
+from .segmentation import directions
 from .turns import built_up
 
 SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
@@ -68,9 +69,10 @@ def predicted(dataset, values, trusted=None):
 
 def _ways(dataset):
     """Moving samples by the directions of all segments, and of paired runs by the run."""
-    code = (np.sign(dataset.speeds) > 0).T @ (1 << np.arange(len(dataset.speeds))) + (
-        dataset.run << len(dataset.speeds) if dataset.paired else 0)
-    return [dataset.moving & (code == c) for c in np.unique(code[dataset.moving])]
+    def make():
+        code = directions(dataset.speeds) + (dataset.run << len(dataset.speeds) if dataset.paired else 0)
+        return [dataset.moving & (code == c) for c in np.unique(code[dataset.moving])]
+    return dataset.memo("torques.ways", make)
 
 
 def _degree(told):

@@ -80,14 +80,14 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     base = select(dataset, model, fit, scores.single)
     rivals = refit_best(dataset, model, fit, scores, findings, base, table, say)
     told = dependence(dataset, model, fit, seed)
-    depends, alarm = told.variables, told.sure
+    depends, alarm, left = told.variables, told.sure, _errors(dataset, model, fit)
 
     def steady(finding):
         larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
         law, own = constancy(dataset, larger, finding.fit)[finding.key], finding.selection
         if law.gain * own.raw.sum() > allowed(larger.attached[-1][0]) * difference(base.raw, own.raw)[0]:
             finding.varies_with = law.variable
-        risen = rises(_errors(dataset, model, fit), _errors(dataset, larger, finding.fit))
+        risen = rises(left, _errors(dataset, larger, finding.fit))
         share, variable = remaining(dependence(dataset, larger, finding.fit, seed), base, own, law.follows, risen)
         finding.outweighed_by = variable if share > LEFT else None
         return finding.varies_with is None and finding.outweighed_by is None
@@ -102,10 +102,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     verdict = _verdict(findings, alarm or bool(slow), hidden, dataset, model.attached)
     winner, provisional = (chosen if chosen and chosen.accepted else None), (
         chosen if chosen and chosen.provisional else None)
-    channels = _channels(fit.error, floor, told, base, winner, dataset.steps, provisional, slow)
-    if dataset.is_test.any():
-        for name, left in errors(dataset, model, fit, "test").items():
-            channels[name]["held_out_error"] = left
+    channels = _channels(fit.error, left["test"], floor, told, base, winner, dataset.steps, provisional, slow)
     unknown = verdict == "unexplained" and not dataset.averaged and not any(f.contested for f in findings)
     found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single,
                       smallest(scores, LEVEL, MATTERS), varied(table), None, channels,
@@ -280,7 +277,7 @@ def _slow(dataset, model, fit, floor):
             and left[c] ** 2 > SLOW * floor[c] ** 2 and left[c] > VISIBLE * sizes[c]]
 
 
-def _channels(error, floor, told, base, winner, steps, provisional, slow):
+def _channels(error, held_out, floor, told, base, winner, steps, provisional, slow):
     """What each channel says for itself.
 
     A channel misses an effect where the accepted one lowers its unseen error, and something unknown where its residual
@@ -297,4 +294,5 @@ def _channels(error, floor, told, base, winner, steps, provisional, slow):
         found[name] = {"verdict": verdict, "error": error[name], "floor": floor[name],
                        "resolution": steps.get(name, 0.0), "slow": name in slow,
                        "depends_on": [v for v in own.variables if v["strength"] >= RELEVANT][:5] if own.sure else []}
+        found[name] |= {"held_out_error": held_out[name]} if name in held_out else {}
     return found

@@ -197,7 +197,12 @@ def _between_samples(dataset, attached, fit):
     """Whether a filter was fitted that is done within half a sample, as what straight lines between samples miss is."""
     lags = [c for c, kind in attached[0].scan.items() if kind == "lag"]
     times = [fit.parameters[f"{component_name(*attached)}.{c}"] for c in lags]
-    return bool(times) and max(times) < np.median(np.diff(dataset.time)) / 2
+    return bool(times) and max(times) < _step(dataset) / 2
+
+
+def _step(dataset):
+    """Usual time between two samples [s]."""
+    return float(np.median(np.diff(dataset.time))) if len(dataset.time) > 1 else 1.0
 
 
 def measure(finding, model, attached, table):
@@ -309,7 +314,7 @@ def fit_to_all(finding, dataset, model, without, fit, noise):
 
 def _lesser(dataset, one, other):
     """The lesser of two estimates of the noise, channel by channel: by what it gives the mean of a long stretch."""
-    step = float(np.median(np.diff(dataset.time))) if len(dataset.time) > 1 else 1.0
+    step = _step(dataset)
     return [min(pair, key=lambda n: n.white ** 2 * step + 2 * n.slow ** 2 * n.memory) for pair in zip(one, other)]
 
 

@@ -29,10 +29,10 @@ def test_what_a_machine_under_control_hides_is_found_and_nothing_else(case, tmp_
     assert all(any(same(n, tuple(t)) for t in (*truth["hidden"], *truth["beside"])) for n in named), named
     assert all(any(same(n, tuple(h)) for n in named) for h in truth["hidden"]), named
     assert found.last.verdict == "nothing_missing"
-    step = 2 * np.pi / MACHINES[machine].counts
+    step = 2 * np.pi / MACHINES[machine].counts * (3 if machine == "axis" else 1)  # of a spring's stretch there too
     place = truth["beside"][0][1]
     if f"presliding_{place}.travel" in found.fit.parameters:
-        assert found.fit.parameters[f"presliding_{place}.travel"] == pytest.approx(truth["travel"], abs=5 * step)
+        assert found.fit.parameters[f"presliding_{place}.travel"] == pytest.approx(truth["travel"], abs=step)
     for name, value in ((n, v) for given in truth["coefficients"] for n, v in given.items()):
         own = next(v for n, v in found.fit.parameters.items() if n.endswith(f".{name}") and effect in n)
-        assert own == pytest.approx(value, rel=0.15, abs=SAMPLE / 2 if name == "d" else 0.0)
+        assert own == pytest.approx(value, rel=0.1, abs=SAMPLE / 2 if name == "d" else 0.0)

@@ -221,6 +221,8 @@ def test_of_few_passes_some_without_a_way_back_each_is_a_stretch_of_its_own():
     motion = later(manoeuvres(repeats=1, speeds=(1.6,), lines="CA"), 3.6)
     _, ids, blocks = cut(motion)
     assert len(blocks) == 3 and not blocks.straight and names(motion, ids >= 0) == "DAB"
+    _, _, together = cut(motion, paired=True)  # else no way back would be compared with its way out
+    assert len(together) == 1 and together.straight
     _, _, whole = cut(manoeuvres(repeats=1, speeds=(1.6,), lines="CA"))
     assert len(whole) == 2 and whole.straight
 
