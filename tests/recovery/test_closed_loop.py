@@ -29,7 +29,8 @@ def test_what_a_machine_under_control_hides_is_found_and_nothing_else(case, tmp_
     assert all(any(same(n, tuple(t)) for t in (*truth["hidden"], *truth["beside"])) for n in named), named
     assert all(any(same(n, tuple(h)) for n in named) for h in truth["hidden"]), named
     assert found.last.verdict == "nothing_missing"
-    step = 2 * np.pi / MACHINES[machine].counts * (3 if machine == "axis" else 1)  # of a spring's stretch there too
+    # the axis, beside a Stribeck friction, comes out 2.4 steps of 2 um long; why is not known
+    step = 2 * np.pi / MACHINES[machine].counts * (3 if machine == "axis" else 1)
     place = truth["beside"][0][1]
     if f"presliding_{place}.travel" in found.fit.parameters:
         assert found.fit.parameters[f"presliding_{place}.travel"] == pytest.approx(truth["travel"], abs=step)
