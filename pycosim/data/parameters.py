@@ -13,6 +13,27 @@ from ..dynamics.states import dependent_parameters
 _ENDS = {"min": min, "max": max}  # of what a place travels over
 
 
+def fewest_cycles(number, travel):
+    """Cycles of the slowest ripple that a travel can show.
+
+    Fewer than one cycle over the travel are an offset or a slope, not a ripple. What turns repeats once a turn at the
+    slowest, though, so that one cycle a turn is a ripple wherever most of a turn is seen.
+
+    Parameters
+    ----------
+    number : Variable
+        The effect's number of cycles, a turn or, along an axis, 2 pi m, with the least that it can be.
+    travel : float
+        Of the angle [rad], or along an axis [m]; above zero.
+
+    Returns
+    -------
+    float
+    """
+    turns = travel / (2 * np.pi)
+    return max(number.min, 1.0 if number.unit == "1" and 0.5 < turns < 1 else 1 / turns)
+
+
 class Parameters:
     """What study and logs say of the parameters of models of one rig.
 
@@ -41,12 +62,12 @@ class Parameters:
         for name, setting in self.study.parameters.items():
             if name in found:
                 found[name] = setting.applied(found[name])
-        for effect, place in model.attached:  # fewer than one cycle over the travel would be an offset, not a ripple
+        for effect, place in model.attached:
             for coefficient in [c for c, kind in effect.scan.items() if kind == "cycles"]:
                 name = f"{component_name(effect, place)}.{coefficient}"
                 angle = self.data.signals.get(f"{place.components[0]}.phi")
                 if angle is not None and np.ptp(angle) > 0:
-                    found[name] = replace(found[name], min=max(found[name].min, 2 * np.pi / np.ptp(angle)))
+                    found[name] = replace(found[name], min=fewest_cycles(found[name], np.ptp(angle)))
             for name, mean in self.means(effect, place.components).items():
                 name = f"{component_name(effect, place)}.{name}"
                 if name not in self.study.parameters:

@@ -14,6 +14,7 @@ import finufft
 import numpy as np
 
 from ..data.noise import contiguous
+from ..data.parameters import fewest_cycles
 from ..fit import least_squares
 from .table import Candidate
 
@@ -150,18 +151,19 @@ def _periodic(effect):
 
 
 def _cycles(table, contribution, place):
-    """Numbers of cycles to try: from one over the whole travel to two samples each on the slow part of the way."""
+    """Numbers of cycles to try: from the fewest that a travel shows to two samples each on the slow part of the way."""
     angles = [a for of_terms in _angles(table, contribution, place).values() for a in of_terms]
-    turns = max(np.ptp(a) for a in angles) / (2 * np.pi)
+    travel = max(np.ptp(a) for a in angles)
     steps = np.concatenate([np.abs(np.diff(a[s])) for a in angles for s in contiguous(table.time, table.group)])
     steps = np.sort(steps[steps > 0])
-    if turns == 0 or not len(steps):
+    if travel == 0 or not len(steps):
         return np.zeros(0)
     way = np.cumsum(steps)
     slow = steps[np.searchsorted(way, SLOW * way[-1])]
     allowed = table.described(contribution)[_periodic(contribution.effect)[0]]
-    low, high = max(1 / turns, allowed.min), min(np.pi / slow, allowed.max)
-    return low + STEP / turns * np.arange(min(max(int((high - low) * turns / STEP) + 1, 0), MOST))
+    low, high = fewest_cycles(allowed, travel), min(np.pi / slow, allowed.max)
+    step = STEP * 2 * np.pi / travel
+    return low + step * np.arange(min(max(int((high - low) / step) + 1, 0), MOST))
 
 
 def _scan(table, scores, contribution, place, cycles, signs):

@@ -8,7 +8,9 @@ import pytest
 from pycosim.compile import Library, catalogue
 from pycosim.compile.contribution import Contribution
 from pycosim.compile.effects import Place
+from pycosim.core.units import Variable
 from pycosim.data.noise import Chain, Noise
+from pycosim.data.parameters import fewest_cycles
 from pycosim.diagnosis import cycles
 
 RIPPLE = Contribution(Library(), catalogue(Library())["torque_ripple"])
@@ -52,6 +54,20 @@ def test_a_ripple_of_any_number_of_cycles_that_the_sampling_shows_is_found(wante
     found = cycles.ripples(seen, [Noise(1.0)], 199, rng)
     assert abs(found.candidates[0].grid["n"] - wanted) < 0.05
     assert [c.parts for c in found.candidates] == [[[2 * k], [2 * k + 1]] for k in range(cycles.PEAKS)]
+
+
+def test_a_ripple_of_once_a_turn_is_found_where_most_of_a_turn_is_seen():
+    rng = np.random.default_rng(2)
+    angle = motion(0.77)
+    seen = table(0.3 * np.sin(angle + 1.0) + 0.3 * rng.standard_normal(N), angle, np.ones((1, N)))
+    assert abs(cycles.ripples(seen, [Noise(0.3)], 199, rng).candidates[0].grid["n"] - 1.0) < 0.2
+
+
+@pytest.mark.parametrize(("turns", "unit", "fewest"), [
+    (5, "1", 0.2), (0.77, "1", 1.0), (0.4, "1", 2.5), (0.77, "rad/m", 1 / 0.77)])
+def test_no_ripple_is_slower_than_a_turn_or_the_travel(turns, unit, fewest):
+    number = Variable("n", unit, min=0.05, max=1000.0)
+    assert fewest_cycles(number, 2 * np.pi * turns) == pytest.approx(fewest)
 
 
 def test_the_highest_number_of_cycles_has_two_samples_each_on_the_slow_way():
