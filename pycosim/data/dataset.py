@@ -337,18 +337,18 @@ class Dataset:
             moved = self.segment_signals(self.base, parameters, names, states,
                                          {**self.signals, rate: self.signals[rate] + spread})
             noise += np.median((np.array(list(moved.values())) - self.speeds)**2, axis=1)
-        least = self.study.w_min or (
-            segmentation.SLOW * np.min(np.abs(self.speeds), axis=1, where=self.speeds != 0, initial=np.inf)
-            if self.averaged else segmentation.default_w_min(self.speeds, noise=np.sqrt(noise)))
+        least, angles = self.study.w_min, [k for k in self.known if k.endswith("phi") and k in self.measured]
+        if self.averaged:
+            least = least or segmentation.SLOW * np.min(np.abs(self.speeds), axis=1, where=self.speeds != 0,
+                                                        initial=np.inf)
+            self.moving = segmentation.moving(self.speeds, least, self.run)
+            self.passes = np.where(self.moving, self.run, -1)
+        else:
+            usual, slowest = ([least, least] if least else [segmentation.default_w_min(
+                self.speeds, noise=np.sqrt(noise), share=share) for share in (segmentation.SLOW, segmentation.SLOWEST)])
+            self.moving, self.passes, least = turns.compared(self, parameters, usual, slowest, angles)
         self.w_min = float(np.max(least))
-        moving = segmentation.moving(self.speeds, least, self.run)
-        angles = [self.measured[k] for k in self.known if k.endswith("phi") and k in self.measured]
-        self.config = np.array(angles) if angles else np.cumsum(self.speeds[:1], axis=1)
-        self.passes = (np.where(moving, self.run, -1) if self.averaged
-                       else segmentation.passes(self.time, self.speeds, moving, self.run))
-        self.moving = moving if self.averaged else (
-            turns.without_ends(self, moving, angles) & ~turns.of_travel(self, parameters, moving))
-        self.passes = np.where(self.moving, self.passes, -1)
+        self.config = np.array([self.measured[k] for k in angles]) if angles else np.cumsum(self.speeds[:1], axis=1)
         if not self.moving.any():
             raise DataError(f"{self.logs[0].path}: nothing moves: no sample has every segment faster than w_min = "
                             f"{self.w_min:.3g} {self.speed_unit}; record motion, or lower w_min in the study")

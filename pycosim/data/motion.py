@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..core.errors import DataError
@@ -87,6 +89,11 @@ class Motion:
     def followed(self):
         """Angles and positions whose speeds and accelerations are derived from the record."""
         return list(dict.fromkeys(name for name, _ in self._followed))
+
+    def told_by_speed(self, angle):
+        """Whether the speed beside a recorded angle was measured, and used, in every run."""
+        trusts = [trust for (name, _), (_, trust) in self._followed.items() if name == angle]
+        return all(map(math.isfinite, trusts)) if trusts else speed_beside(angle) in self.measured
 
     def passed_on(self, angle, share=1.0):
         """The smooth motion behind a recorded angle and its recorded speed, or what small errors of both become there.

@@ -18,6 +18,7 @@ from ..core.errors import DataError
 
 SLOW = 0.03
 """Share of a segment's typical speed below which it is not moving: there, samples tell of the reversal alone."""
+SLOWEST = 0.01  # the same where those samples count: see `turns.compared`
 _RANGE = 1000.0  # between the speed of most of the way and the slowest that is no rest
 _GAP = 10.0  # sample intervals without a sample that break a pass
 _FLICKER = 0.05  # s below w_min that do not break a pass: noise at its slow ends
@@ -103,8 +104,8 @@ def standstill(speeds):
     return rest
 
 
-def default_w_min(speeds, rest_mask=None, noise=0.0):
-    """Speed above which a segment is moving: the larger of 3 % of its typical speed and 5 standard deviations of noise.
+def default_w_min(speeds, rest_mask=None, noise=0.0, share=SLOW):
+    """Speed above which a segment is moving: a share of its typical speed, or 5 standard deviations of noise if more.
 
     Parameters
     ----------
@@ -114,6 +115,8 @@ def default_w_min(speeds, rest_mask=None, noise=0.0):
         Samples at rest; found from the speeds by `standstill` if not given. Labels do not belong here.
     noise : float or ndarray, shape (m,)
         Standard deviation that the speeds are known to have, where nothing rests or the speeds are derived.
+    share : float
+        Of the typical speed.
 
     Returns
     -------
@@ -126,7 +129,7 @@ def default_w_min(speeds, rest_mask=None, noise=0.0):
     parts = [speeds[:, a:b] - speeds[:, a:b].mean(axis=1, keepdims=True)
              for a, b in _stretches(rest) if rest[a] and b - a > 1]
     sigma = np.concatenate(parts, axis=1).std(axis=1) if parts else _scatter(speeds)
-    return np.maximum(SLOW * typical(speeds), 5.0 * np.maximum(sigma, noise))
+    return np.maximum(share * typical(speeds), 5.0 * np.maximum(sigma, noise))
 
 
 def _scatter(speeds):

@@ -8,9 +8,11 @@ or a filter does after a turn looks otherwise, and is for the diagnosis to find.
 from __future__ import annotations
 
 import numpy as np
+from scipy import stats
 from scipy.optimize import nnls
 
 from ..dynamics.states import propagate
+from . import segmentation
 from .derivatives import resolution
 from .noise import contiguous
 
@@ -21,6 +23,9 @@ EXPLAINED = 0.95
 """Of what is off after turns, that the model's own travel has to explain to be what is at work. Where it is, 99 % are
 explained; a hidden presliding leaves 10 to 25 %, a delay or a filter 25 to 75 %."""
 SEEN = 2.0  # times the squared noise, from which something is off at all
+OFF, TRIMMED, FEW = 10.0, 0.1, 4
+"""Times the squared noise, from which slow samples are off, in the mean of the ends of passes without the least and the
+most so many of them (a spike is no law), and how many ends tell."""
 
 
 def building_up(miss, longer, moving, passes, time, errors, columns):
@@ -69,42 +74,117 @@ def building_up(miss, longer, moving, passes, time, errors, columns):
     return own
 
 
-def of_travel(dataset, parameters, moving):
-    """Samples at which what friction builds up over the model's own travel would be taken for an effect.
+def compared(dataset, parameters, least, slowest, angles):
+    """Samples in which every segment moves, for the fit and all that follows.
 
-    Smoothed speeds follow it: an encoder's steps go to and fro in slow motion.
+    What is slower than the least speed tells of turns alone: of a machine's own travel, which no fit knows, and little
+    else. Where it is off by more than that, though, a torque that comes late or through a filter, a longer travel or a
+    friction that falls with speed shows there first, and often there alone: then it counts as well.
 
     Parameters
     ----------
     dataset : Dataset
-        Its speeds and passes are known.
+        Its speeds are known.
     parameters : dict of str to float
         Of the base model, `travel` [rad] or [m] among them.
-    moving : ndarray of bool, shape (n,)
-        Samples in which every segment is faster than the least speed.
+    least, slowest : ndarray, shape (segments,)
+        Speeds above which a segment moves: usually, and where slow samples count [rad/s, or m/s].
+    angles : list of str
+        Variables that are recorded angles [rad], positions [m].
 
     Returns
     -------
-    ndarray of bool, shape (n,)
+    moving : ndarray of bool, shape (n,)
+    passes : ndarray of int, shape (n,)
+        -1 where nothing moves.
+    least : ndarray, shape (segments,)
+        The speeds that were taken.
     """
-    base, question = dataset.base, dataset.question
-    if dataset.averaged or not base.segments:
-        return np.zeros(len(dataset.time), dtype=bool)
-    at, way = [question.states.index(f"{c}.z") for c in base.segments], np.sign(dataset.speeds)
-    sliding = np.zeros((len(question.states), len(dataset.time)))
-    sliding[at] = way
+    moving, passes = _cut(dataset, least, angles)
+    if not dataset.base.segments:
+        return moving, passes, least
+    travel = _Travel(dataset, parameters)
+    if np.any(slowest < least):
+        slow, ways = _cut(dataset, slowest, [n for n in angles if not dataset.motion.told_by_speed(n)])
+        if not travel.seen(slow, ways).any() and off(travel.errors[travel.forces], moving, ways, dataset.time):
+            return slow, ways, slowest
+    moving = moving & ~travel.seen(moving, passes)
+    return moving, np.where(moving, passes, -1), least
 
-    def predicted(states):
-        return np.array(list(dataset.segment_signals(base, parameters, dataset.outputs, states).values()))
 
-    early, at_once, columns = built_up(dataset, parameters), predicted(sliding), []
-    for k, row in enumerate(at):
-        states = sliding.copy()
-        states[row] = early[k]
-        columns.append(predicted(states) - at_once)
-    errors = np.array([dataset.reference(c) for c in dataset.outputs]) - at_once
-    return building_up(early - way, built_up(dataset, parameters, LONGER) - way, moving, dataset.passes, dataset.time,
-                       errors, np.array(columns))
+def _cut(dataset, least, angles):
+    """Moving samples without the ends that smoothing adds to them, and their passes."""
+    moving = segmentation.moving(dataset.speeds, least, dataset.run)
+    passes = segmentation.passes(dataset.time, dataset.speeds, moving, dataset.run)
+    moving = without_ends(dataset, moving, passes, [dataset.measured[n] for n in angles])
+    return moving, np.where(moving, passes, -1)
+
+
+def off(errors, moving, passes, time):
+    """Whether what lies before and after the usual samples of passes is off, compared with those next to it.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (channels, n)
+        Measured less predicted, for friction that slides at once, of what friction acts on: steps of a joint's encoder
+        do not scatter.
+    moving : ndarray of bool, shape (n,)
+        The usual samples.
+    passes : ndarray of int, shape (n,)
+        Passes of these and the slower ones, -1 elsewhere.
+    time : ndarray, shape (n,)
+        [s]
+
+    Returns
+    -------
+    bool
+    """
+    squares, noise = [], []
+    for s in contiguous(time, passes):
+        usual = np.flatnonzero(moving[s])
+        if passes[s.start] < 0 or len(usual) < AFTER:
+            continue
+        for slower, near in ((slice(s.start, s.start + usual[0]), usual[:AFTER]),
+                             (slice(s.start + usual[-1] + 1, s.stop), usual[-AFTER:])):
+            if slower.start < slower.stop:
+                beside = errors[:, s.start + near]
+                gap = errors[:, slower] - beside.mean(axis=1, keepdims=True)
+                squares.append(np.mean(gap**2, axis=1))
+                noise.append(np.var(beside, axis=1, ddof=1) * (1 + 1 / AFTER))
+    if len(squares) < FEW:
+        return False
+    times = np.array(squares) / np.maximum(np.median(noise, axis=0), 1e-300)
+    return bool(np.any(stats.trim_mean(times, TRIMMED) > OFF))
+
+
+class _Travel:
+    """What the model's own travel changes after turns, and what is measured there."""
+
+    def __init__(self, dataset, parameters):
+        base, question, self.time = dataset.base, dataset.question, dataset.time
+        rows, way = [question.states.index(f"{c}.z") for c in base.segments], np.sign(dataset.speeds)
+        sliding = np.zeros((len(question.states), len(self.time)))
+        sliding[rows] = way
+
+        def predicted(states):
+            return np.array(list(dataset.segment_signals(base, parameters, dataset.outputs, states).values()))
+
+        early, at_once, columns = built_up(dataset, parameters), predicted(sliding), []
+        for k, row in enumerate(rows):
+            states = sliding.copy()
+            states[row] = early[k]
+            columns.append(predicted(states) - at_once)
+        self.errors = np.array([dataset.reference(c) for c in dataset.outputs]) - at_once
+        self.forces = [base.unit(c) not in ("rad", "m") for c in dataset.outputs]
+        self.columns, self.miss = np.array(columns), early - way
+        self.longer = built_up(dataset, parameters, LONGER) - way
+
+    def seen(self, moving, passes):
+        """Samples at which what friction builds up over the model's own travel would be taken for an effect.
+
+        Smoothed speeds follow it: an encoder's steps go to and fro in slow motion.
+        """
+        return building_up(self.miss, self.longer, moving, passes, self.time, self.errors, self.columns)
 
 
 def built_up(dataset, parameters, times=1.0):
@@ -131,15 +211,17 @@ def built_up(dataset, parameters, times=1.0):
     return states[[dataset.question.states.index(n) for n in names]]
 
 
-def without_ends(dataset, moving, angles):
+def without_ends(dataset, moving, passes, angles):
     """Leave out the ends of a pass that smoothing makes look like motion: less than two encoder steps from rest.
 
     Parameters
     ----------
     dataset : Dataset
-        Its passes are known.
+        Its logs and their times are known.
     moving : ndarray of bool, shape (n,)
         Samples in which every segment is faster than the least speed.
+    passes : ndarray of int, shape (n,)
+        -1 where nothing moves.
     angles : list of ndarray, shape (n,)
         As recorded [rad], positions [m].
 
@@ -151,8 +233,8 @@ def without_ends(dataset, moving, angles):
     moving = moving.copy()
     least = {(run, k): 1.5 * resolution(angle[dataset.run == run]) + 1e-9 * np.ptp(angle)
              for run in np.unique(dataset.run) for k, angle in enumerate(angles)}
-    for pass_number in np.unique(dataset.passes[dataset.passes >= 0]):
-        inside = np.flatnonzero(dataset.passes == pass_number)
+    for pass_number in np.unique(passes[passes >= 0]):
+        inside = np.flatnonzero(passes == pass_number)
         first, last = max(inside[0] - 3, 0), min(inside[-1] + 3, len(dataset.time) - 1)
         for k, angle in enumerate(angles):
             near = least[dataset.run[inside[0]], k]

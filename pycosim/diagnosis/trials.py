@@ -16,7 +16,7 @@ from .rivals import ALIKE, twins
 from .scores import LEVEL, PRESSED
 
 REFITS = 10
-BETWEEN = "shorter than half a sample, so that the samples do not show it"
+BETWEEN = "over within a sample or two, so that they do not show it"
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -194,10 +194,15 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
 
 
 def _between_samples(dataset, attached, fit):
-    """Whether a filter was fitted that is done within half a sample, as what straight lines between samples miss is."""
-    lags = [c for c, kind in attached[0].scan.items() if kind == "lag"]
-    times = [fit.parameters[f"{component_name(*attached)}.{c}"] for c in lags]
-    return bool(times) and max(times) < _step(dataset) / 2
+    """Whether what was fitted is over within a sample or two: it is what straight lines between them miss, or nothing.
+
+    A filter that is done within half a sample, a travel that is passed within two at the least speed: as much is left
+    at a start where a torque was moved by a part of a sample.
+    """
+    step = _step(dataset)
+    least = {"lag": step / 2, "travel": 2 * step * dataset.w_min}
+    own = {kind: fit.parameters[f"{component_name(*attached)}.{c}"] for c, kind in attached[0].scan.items()}
+    return any(own[kind] < least[kind] for kind in own if kind in least)
 
 
 def _step(dataset):
