@@ -91,7 +91,17 @@ class Motion:
         return list(dict.fromkeys(name for name, _ in self._followed))
 
     def told_by_speed(self, angle):
-        """Whether the speed beside a recorded angle was measured, and used, in every run."""
+        """Whether the speed beside a recorded angle was measured, and used, in every run.
+
+        Parameters
+        ----------
+        angle : str
+            Variable.
+
+        Returns
+        -------
+        bool
+        """
         trusts = [trust for (name, _), (_, trust) in self._followed.items() if name == angle]
         return all(map(math.isfinite, trusts)) if trusts else speed_beside(angle) in self.measured
 

@@ -11,7 +11,7 @@ from pycosim.cli.entry import main
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.data.residuals import huber
-from pycosim.data.turns import LONGER, building_up
+from pycosim.data.turns import LONGER, building_up, off
 from pycosim.diagnosis.excitation import undetectable
 from pycosim.diagnosis.scores import Scores
 from pycosim.diagnosis.table import Table
@@ -112,6 +112,22 @@ def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0):
 def test_only_what_the_model_s_own_travel_does_after_turns_is_left_out(left_out, there):
     found = turning(**there)
     assert (0 < found.sum() < 0.3 * len(found)) if left_out else not found.any()
+
+
+@pytest.mark.parametrize(("counts", "late", "spike", "drift"), [
+    (True, 0.6, 0.0, 0.0), (False, 0.0, 0.0, 0.0), (False, 0.0, 30.0, 0.0), (False, 0.0, 0.0, 0.2)])
+def test_slow_samples_count_where_they_are_off_and_not_for_a_spike_or_a_slope(counts, late, spike, drift):
+    time, rng = np.arange(4000) * 0.01, np.random.default_rng(3)
+    of_pass, passes = np.arange(4000) % 100, np.arange(4000) // 100
+    errors = 0.05 * rng.standard_normal((1, 4000)) + drift * (time % 2.0)
+    errors[0, of_pass < 4] += late
+    errors[0, 101] += spike
+    assert off(errors, (of_pass >= 8) & (of_pass < 92), passes, time) == counts
+
+
+def test_a_study_that_says_what_moves_is_not_asked_again(dataset, log):
+    data = dataset(log, w_min=0.05)
+    assert data.w_min == 0.05 and np.abs(data.speeds[:, data.moving]).min() > 0.05
 
 
 def test_what_a_controller_cannot_work_out_ahead_is_said_and_loses_nothing(dataset, log):
