@@ -66,6 +66,33 @@ def noise_level(dataset, model, parameters, part="fit"):
     return np.sqrt(np.where(total > 0, total, 1.0))
 
 
+def driven(dataset, model, parameters, part="fit"):
+    """Which way each segment is loaded at each sample: together with its direction the branch of its friction.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its motion and torques are known.
+    model : Model
+        With whatever effects are attached.
+    parameters : dict of str to float
+        All of the model's.
+    part : str or ndarray of int
+        As for `Dataset.choose`.
+
+    Returns
+    -------
+    ndarray of bool, shape (any, n)
+        One row a segment, two where ways out and back are paired; none where no segment carries a load.
+    """
+    names = [f"{c}.L" for c in dataset.base.segments]
+    loads = np.array(list(dataset.segment_signals(model, parameters, names, None, dataset.exogenous()).values()))
+    picks = dataset.picks(part)
+    if not len(loads):
+        return np.zeros((0, len(picks[0][1])), dtype=bool)
+    return np.concatenate([take(loads) > 0 for _, _, take in picks])
+
+
 def responses(dataset, model, parameters, names):
     """Derivatives of the channels by signals that the model is given, sample by sample.
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 from scipy.optimize import nnls
+from scipy.signal import lfilter
 
 from ..dynamics.states import propagate
 from . import segmentation
@@ -20,15 +21,19 @@ BUILT_UP = 0.02  # of a segment's friction, that may still have to build up wher
 LONGER = 5.0  # times the model's own travel, within which a turn is looked at
 AFTER = 10  # samples of a pass beyond that, which tell what it would have been
 EXPLAINED = 0.95
-"""Of what is off after turns, that the model's own travel has to explain to be what is at work. Where it is, 99 % are
-explained; a hidden presliding leaves 10 to 25 %, a delay or a filter 25 to 75 %."""
+"""Of what is off after turns, that the model's own travel explains where it is all that is at work: 99 % then; a hidden
+presliding leaves 10 to 25 %, a delay or a filter 25 to 75 %."""
+PART = 0.25
+"""The same where something else is off there too: then it must be better than any other travel, delay or filter."""
+TIMES, LATE, LAGS = (0.25, 0.5, 2.0, LONGER, 3 * LONGER), (1, 2, 3, 4, 6, 8, 12, 16), (2, 4, 8)
+"""Travels, over the model's own, delays and time constants of filters [samples] that it is compared with."""
 SEEN = 2.0  # times the squared noise, from which something is off at all
 OFF, TRIMMED, FEW = 10.0, 0.1, 4
 """Times the squared noise, from which slow samples are off, in the mean of the ends of passes without the least and the
 most so many of them (a spike is no law), and how many ends tell."""
 
 
-def building_up(miss, longer, moving, passes, time, errors, columns):
+def building_up(miss, longer, moving, passes, time, errors, columns, others=()):
     """Samples at which friction still builds up over the model's own travel; none where that is not what is seen.
 
     Parameters
@@ -45,6 +50,8 @@ def building_up(miss, longer, moving, passes, time, errors, columns):
         Measured less predicted, for friction that slides at once.
     columns : ndarray, shape (segments, channels, n)
         What each segment's own travel would change in the prediction.
+    others : sequence of ndarray, shape (segments, channels, n)
+        The same of other travels, of torques that come late or through a filter.
 
     Returns
     -------
@@ -63,15 +70,23 @@ def building_up(miss, longer, moving, passes, time, errors, columns):
         at.append(some)
         off.append(errors[:, some] - usual.mean(axis=1, keepdims=True))
         noise.append(np.tile(np.var(np.diff(usual, axis=1), axis=1)[:, None] / 2 * (1 + 1 / AFTER), (1, len(some))))
+    nothing = np.zeros(len(time), dtype=bool)
     if not at or not own[np.concatenate(at)].any():
-        return np.zeros(len(time), dtype=bool)
+        return nothing
     off, noise, at = np.hstack(off), np.hstack(noise), np.concatenate(at)
     weight = 1 / np.sqrt(np.maximum(np.median(noise, axis=1, keepdims=True), 1e-300))
-    left = nnls((columns[:, :, at] * weight).reshape(len(columns), -1).T, (off * weight).ravel())[1] ** 2
-    total, usual = np.sum((off * weight) ** 2), np.sum(noise * weight**2)
-    if total < SEEN * usual or left - usual > (1 - EXPLAINED) * (total - usual):
-        return np.zeros(len(time), dtype=bool)
-    return own
+
+    def left(some):
+        return nnls((some[:, :, at] * weight).reshape(len(some), -1).T, (off * weight).ravel())[1] ** 2
+
+    total, usual, alone = np.sum((off * weight) ** 2), np.sum(noise * weight**2), left(columns)
+    if total < SEEN * usual:
+        return nothing
+    if alone - usual <= (1 - EXPLAINED) * (total - usual):
+        return own
+    if total - alone < PART * (total - usual):
+        return nothing
+    return own if alone < min(map(left, others), default=0.0) else nothing
 
 
 def compared(dataset, parameters, least, slowest, angles):
@@ -158,7 +173,7 @@ def off(errors, moving, passes, time):
 
 
 class _Travel:
-    """What the model's own travel changes after turns, and what is measured there."""
+    """What the model's own travel changes after turns, what else would look like it, and what is measured there."""
 
     def __init__(self, dataset, parameters):
         base, question, self.time = dataset.base, dataset.question, dataset.time
@@ -169,22 +184,30 @@ class _Travel:
         def predicted(states):
             return np.array(list(dataset.segment_signals(base, parameters, dataset.outputs, states).values()))
 
-        early, at_once, columns = built_up(dataset, parameters), predicted(sliding), []
-        for k, row in enumerate(rows):
-            states = sliding.copy()
-            states[row] = early[k]
-            columns.append(predicted(states) - at_once)
+        def changed(friction):
+            """What each segment's friction state changes in the prediction, segment by segment."""
+            found = []
+            for row, state in zip(rows, friction):
+                states = sliding.copy()
+                states[row] = state
+                found.append(predicted(states) - at_once)
+            return np.array(found)
+
+        early, at_once = built_up(dataset, parameters), predicted(sliding)
+        far = {times: built_up(dataset, parameters, times) for times in TIMES}
+        late = [np.roll(early, n, axis=1) for n in LATE]
+        lagging = [lfilter([1 / (1 + n)], [1, -n / (1 + n)], early, axis=1) for n in LAGS]
         self.errors = np.array([dataset.reference(c) for c in dataset.outputs]) - at_once
         self.forces = [base.unit(c) not in ("rad", "m") for c in dataset.outputs]
-        self.columns, self.miss = np.array(columns), early - way
-        self.longer = built_up(dataset, parameters, LONGER) - way
+        self.columns, self.others = changed(early), [changed(f) for f in (*far.values(), *late, *lagging)]
+        self.miss, self.longer = early - way, far[LONGER] - way
 
     def seen(self, moving, passes):
         """Samples at which what friction builds up over the model's own travel would be taken for an effect.
 
         Smoothed speeds follow it: an encoder's steps go to and fro in slow motion.
         """
-        return building_up(self.miss, self.longer, moving, passes, self.time, self.errors, self.columns)
+        return building_up(self.miss, self.longer, moving, passes, self.time, self.errors, self.columns, self.others)
 
 
 def built_up(dataset, parameters, times=1.0):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.noise import contiguous
-from ..data.scatter import noise_level
+from ..data.scatter import driven, noise_level
 from ..fit.bounded import bounded
 
 LARGEST = 50e6  # bytes of derivatives that rivals are compared by: a longer log is thinned
@@ -30,14 +30,22 @@ class Selection:
         The same with what the other folds alone tell: in a short log they may tell some parameters not at all.
     white : ndarray, shape (blocks,)
         The same of the whitened residual: sharper between rivals.
-    usual : ndarray, shape (channels, 1)
-        Noise level at which models are compared.
+    level : ndarray, shape (channels, n)
+        Noise that each sample should show, in the channels' units.
+    driven : ndarray of bool, shape (any, n)
+        Which way the segments are loaded.
     """
 
     channels: np.ndarray
     alone: np.ndarray
     white: np.ndarray
-    usual: np.ndarray
+    level: np.ndarray
+    driven: np.ndarray
+
+    @property
+    def usual(self):
+        """Noise level at which models are compared, channel by channel."""
+        return np.median(self.level, axis=1, keepdims=True)
 
     @property
     def raw(self):
@@ -45,7 +53,7 @@ class Selection:
         return self.channels.sum(0)
 
 
-def select(dataset, model, fit, noise, usual=None):
+def select(dataset, model, fit, noise, beside=None):
     """Cross-validate a fitted model over the selection folds, linearised at its optimum.
 
     Parameters
@@ -58,8 +66,8 @@ def select(dataset, model, fit, noise, usual=None):
         The optimum at which the residual is taken as linear.
     noise : list of Noise
         One a channel.
-    usual : ndarray, shape (channels, 1), optional
-        Noise level that rivals are compared at: that of the model without either of them.
+    beside : Selection, optional
+        Of the model that rivals are compared beside, which lacks each of them: its noise level is theirs.
 
     Returns
     -------
@@ -68,8 +76,9 @@ def select(dataset, model, fit, noise, usual=None):
     problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
     thin = max(1, int(problem.n * (len(fit.free) + 1) * len(noise) * 8 / LARGEST))
     sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
-    level = noise_level(dataset, model, fit.parameters)[:, ::thin]
-    usual = np.median(level, axis=1, keepdims=True) if usual is None else usual
+    own = noise_level(dataset, model, fit.parameters), driven(dataset, model, fit.parameters)
+    whole, loaded = own if beside is None else (beside.level, beside.driven)
+    level, usual = _in_branches(*own, whole, loaded)[:, ::thin], np.median(whole, axis=1, keepdims=True)
     if thin > 1:
         problem, sloped = problem.thin(thin), sloped.thin(thin)
     residual = problem.residual(fit.values) * usual / level
@@ -91,7 +100,21 @@ def select(dataset, model, fit, noise, usual=None):
     if dataset.by_run:  # the blocks of a log share its conditions
         own = np.unique(dataset.blocks.run[blocks], return_inverse=True)[1]
         errors = [np.array([np.bincount(own, of_channel) for of_channel in e]) for e in errors]
-    return Selection(*errors[:2], errors[2].sum(0), usual)
+    return Selection(*errors[:2], errors[2].sum(0), whole, loaded)
+
+
+def _in_branches(level, own, beside, loaded):
+    """The noise level of a model, in the branches of friction that another has.
+
+    A model that responds less to a noisy torque leaves less noise, and is asked for that by its own level. Where the
+    load is about nothing, though, one says that a segment drives and another that it is driven, and the response is
+    larger then: a model would do better by nothing but taking more of its samples for the noisy ones.
+    """
+    other = (own != loaded).any(0)
+    if not other.any() or other.all():
+        return level
+    usual = np.median(np.log(level[:, ~other] / beside[:, ~other]), axis=1, keepdims=True)
+    return np.where(other, beside * np.exp(usual), level)
 
 
 def _cross_validate(gram, fold, low, high, hint=HINT):

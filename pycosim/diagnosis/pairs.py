@@ -110,7 +110,7 @@ def fitted(dataset, base, keys, fit, seed, progress):
         except PycosimError:  # together they leave no motion, or no answer in closed form
             continue
         pair.without, pair.lacking = without, lacking
-        pair.selection = select(here, pair.model, pair.fit, scores.single, alone.usual)
+        pair.selection = select(here, pair.model, pair.fit, scores.single, alone)
         found.append(pair)
     _tell(scores, table, alone, found)
     return [p for p in found if all(f.p_value < LEVEL and not holds_nothing(p.model, f, attached)

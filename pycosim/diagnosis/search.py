@@ -190,7 +190,7 @@ def add(dataset, model, fit, effect, places, found, progress=None):
     known = {f.place: f for f in found.candidates if f.effect == effect} if found else {}
     noise = found.noise if found else fit.noise
     # rivals are compared at one noise level
-    usual = select(dataset, model, fit, noise).usual if len(places) > 1 else None
+    alone = select(dataset, model, fit, noise) if len(places) > 1 else None
     tried = {}
     for place in places:
         say(f"fitting {effect} at {place}")
@@ -204,7 +204,7 @@ def add(dataset, model, fit, effect, places, found, progress=None):
 
     def error(place):
         larger, fitted = tried[place]
-        return select(dataset, larger, fitted, noise, usual).white.sum() + 2 * len(fitted.free)
+        return select(dataset, larger, fitted, noise, alone).white.sum() + 2 * len(fitted.free)
 
     best = min(tried, key=error) if len(tried) > 1 else next(iter(tried))
     say("computing errors")
@@ -354,11 +354,11 @@ def _named(dataset, steps, noise, known, progress):
         without = compile_model(dataset.library, base.rig, rest)
         here, full = fulls.beside(without)
         lacking = least_squares.fit(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
-        alone, twins = select(here, without, lacking, noise, full.usual), []
+        alone, twins = select(here, without, lacking, noise, full), []
         for twin in (t for t in step.finding.twins if (t["effect"], t["place"]) not in rest):
             if progress:
                 progress(f"refitting with {twin['effect']} at {twin['place']} beside what was found")
-            one = _beside(here, without, lacking, (twin["effect"], twin["place"]), noise, full.usual)
+            one = _beside(here, without, lacking, (twin["effect"], twin["place"]), noise, full)
             if one is not None and alike(alone, one, full):
                 twins.append(twin)
         step.finding = replace(step.finding, twins=twins)
@@ -373,7 +373,7 @@ def _shortfall(dataset, steps, noise, known, seed):
     """
     fulls = _Selections(dataset, steps[-1], noise)
     here, full = fulls.beside(steps[known - 1].model)
-    before = select(here, steps[known - 1].model, steps[known - 1].fit, noise, full.usual)
+    before = select(here, steps[known - 1].model, steps[known - 1].fit, noise, full)
 
     def risen(without):
         return rises(*({"fit": s.error, "test": s.held_out_error} for s in (without, steps[-1])))
@@ -388,7 +388,7 @@ def _shortfall(dataset, steps, noise, known, seed):
         model = compile_model(dataset.library, steps[0].model.rig, rest)
         fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
         here, full = fulls.beside(model)
-        alone = select(here, model, fit, noise, full.usual)
+        alone = select(here, model, fit, noise, full)
         takes, spread = difference(alone.raw, full.raw)
         if takes <= spread:  # superfluous beside the others
             return float("inf")
@@ -474,7 +474,7 @@ def _revised(dataset, steps, noise, seed, progress, without=None):
             return _ladder(dataset, steps[0], [*rest, chosen])  # it did less well for want of another effect
         if out.added not in alternatives:
             here, full = fulls.beside(model)
-            other = select(here, larger, found.fit, noise, full.usual)
+            other = select(here, larger, found.fit, noise, full)
             lost, won = behind(full, other), behind(other, full)
             if lost and not won:
                 return _ladder(dataset, steps[0], [*rest, chosen])
@@ -523,7 +523,7 @@ def _spared(dataset, steps, noise, seed, progress):
         here, full = fulls.beside(without)
         lacking = least_squares.fit(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
         for twin in ((t["effect"], t["place"]) for t in other.finding.twins):
-            one = _beside(here, without, lacking, twin, noise, full.usual)
+            one = _beside(here, without, lacking, twin, noise, full)
             if one is None or not _as_good(one, full):
                 continue
             fit = least_squares.fit(dataset, without, steps[-1].fit.parameters)
@@ -543,7 +543,7 @@ def _as_good(one, full):
     return all(rise <= SEPARATE * spread for rise, spread in gaps) and gaps[1][0] < PLAIN * full.raw.sum()
 
 
-def _beside(dataset, without, lacking, key, noise, usual):
+def _beside(dataset, without, lacking, key, noise, full):
     """The errors on unseen folds of a fitted model with an effect more; None where it has no answer."""
     try:
         larger = compile_model(dataset.library, without.rig, [*without.keys, key])
@@ -551,7 +551,7 @@ def _beside(dataset, without, lacking, key, noise, usual):
                                    noise=noise)
     except PycosimError:  # beside the others it leaves no motion, or no answer in closed form
         return None
-    return select(dataset, larger, fitted, noise, usual)
+    return select(dataset, larger, fitted, noise, full)
 
 
 def _gained(fulls, pair):
@@ -560,11 +560,11 @@ def _gained(fulls, pair):
     Nothing where it is not clearly better, and has no fewer coefficients either.
     """
     here, full = fulls.beside(pair.without)
-    other = select(here, pair.model, pair.fit, fulls.noise, full.usual)
+    other = select(here, pair.model, pair.fit, fulls.noise, full)
     gains = [difference(getattr(full, kind), getattr(other, kind)) for kind in ("white", "raw")]
     spared = len(fulls.step.fit.free) - len(pair.fit.free)
     clear = all(gain > SEPARATE * spread for gain, spread in gains)
-    near = alike(select(here, pair.without, pair.lacking, fulls.noise, full.usual), other, full)
+    near = alike(select(here, pair.without, pair.lacking, fulls.noise, full), other, full)
     return gains[0][0] + 2 * spared if clear or (spared > 0 and near) else 0.0, near
 
 
@@ -605,7 +605,7 @@ def _prune(dataset, steps, noise):
             model = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
             fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
             here, full = fulls.beside(model)
-            rise, spread = difference(select(here, model, fit, noise, full.usual).raw, full.raw)
+            rise, spread = difference(select(here, model, fit, noise, full).raw, full.raw)
             if rise <= spread:
                 steps = _ladder(dataset, steps[0], rest)
                 break

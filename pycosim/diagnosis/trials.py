@@ -115,7 +115,7 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
     def refitted(some):
         for k, f in enumerate(some, 1):
             say(f"refitting with {f.effect} at {f.place}, {k} of {len(some)}")
-            if _refit(dataset, model, fit, scores, f, base.usual, table):
+            if _refit(dataset, model, fit, scores, f, base, table):
                 yield f
 
     likely = [f for f in findings if f.p_value < 10 * LEVEL]
@@ -130,7 +130,7 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
         fitted += refitted([f for f in likely[REFITS:] if (f.effect in effects or f.key in akin) and f not in fitted])
     if best is not None:
         for f in [f for f in fitted if f.effect == best.effect and f is not best]:
-            _refit_from(dataset, model, scores.single, f, best, base.usual)
+            _refit_from(dataset, model, scores.single, f, best, base)
             if twins(base, f, best):  # a score sees nothing of a share of a loss that the base model takes for none
                 f.p_value, f.p_value_single = best.p_value, best.p_value_single
     return fitted
@@ -142,7 +142,7 @@ def _unseen(dataset, model, fit, finding):
     return any(f"{c}.f0" in fit.free and fit.at_bound(f"{c}.f0") == "min" for c in place.components)
 
 
-def _refit_from(dataset, model, noise, finding, other, usual):
+def _refit_from(dataset, model, noise, finding, other, alone):
     """Fit a candidate from where the same effect at another place has brought the other parameters, if that is lower.
 
     Losses that are traded between two places have a valley at each.
@@ -157,8 +157,8 @@ def _refit_from(dataset, model, noise, finding, other, usual):
         fit = least_squares.fit(dataset, larger, start, most=TRIAL, noise=noise, held=_earlier(larger))
     except NoAnswerError:
         return
-    if _cost(fit, usual) < _cost(finding.fit, usual):
-        finding.fit, finding.selection = fit, select(dataset, larger, fit, noise, usual)
+    if _cost(fit, alone.usual) < _cost(finding.fit, alone.usual):
+        finding.fit, finding.selection = fit, select(dataset, larger, fit, noise, alone)
         finding.coefficients = _coefficients(larger, fit)
 
 
@@ -167,7 +167,7 @@ def _cost(fit, usual):
     return sum((e / u) ** 2 for e, u in zip(fit.error.values(), usual.ravel()))
 
 
-def _refit(dataset, model, fit, scores, finding, usual, table):
+def _refit(dataset, model, fit, scores, finding, alone, table):
     """Fit the model with one candidate; whether it could be fitted."""
     larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
     start, lifted = {**fit.parameters, **finding.start}, {}
@@ -182,11 +182,11 @@ def _refit(dataset, model, fit, scores, finding, usual, table):
     if lifted and not any(fit.at_bound(name) for name in lifted):
         starts.append(start)  # a small loss that nothing presses may be what there is
     try:
-        fits = [_best_fit(dataset, larger, nudged(s, larger, finding), scores.single, usual) for s in starts]
+        fits = [_best_fit(dataset, larger, nudged(s, larger, finding), scores.single, alone.usual) for s in starts]
     except PycosimError:
         return False
-    finding.fit = min(fits, key=lambda f: _cost(f, usual))
-    finding.selection = select(dataset, larger, finding.fit, scores.single, usual)
+    finding.fit = min(fits, key=lambda f: _cost(f, alone.usual))
+    finding.selection = select(dataset, larger, finding.fit, scores.single, alone)
     measure(finding, larger, larger.attached[-1], table)
     if _between_samples(dataset, larger.attached[-1], finding.fit):
         finding.refused = BETWEEN

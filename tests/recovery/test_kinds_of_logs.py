@@ -229,3 +229,12 @@ def test_a_ripple_is_found_beside_a_wrong_mass_of_the_reference(tmp_path):
     """The noise that means over 16 samples told of had taken it for chance."""
     first, _, found, shown = hidden("reference_mass:torque_ripple:1.7:3601", tmp_path)
     assert first == "missing_effect" and ("torque_ripple", "motor2") in found, shown
+
+
+@pytest.mark.parametrize(("name", "effect"), [
+    ("motor_encoders:time_delay:2.4:10218", "time_delay@torque"),  # it shows below the usual least speed alone
+    ("reference_mass:time_delay:1.7:10200", "time_delay@torque"),
+    ("geared:torque_offset:2.4:10202", "torque_offset@motor")])  # rivals differ in branches where loads are nothing
+def test_what_slow_samples_and_samples_without_load_tell(name, effect, tmp_path):
+    found = pc.open(make(name, tmp_path, quick=True)).improve()
+    assert found.steps[1].added == effect and found.last.verdict == "nothing_missing", found

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pycosim.diagnosis.crossval import _cross_validate, _predictive
+from pycosim.diagnosis.crossval import _cross_validate, _in_branches, _predictive
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.rivals import CONTESTED, KINDS, too_many
 from pycosim.fit.bounded import bounded
@@ -72,3 +72,12 @@ def test_what_one_fold_alone_tells_leaves_no_rounding_in_the_others():
     known = _cross_validate(gram[:, :, 2:, 2:], fold, *(np.full(1, end) for end in (-np.inf, np.inf)), 0.0)
     left_out = _cross_validate(gram, fold, *(np.full(3, end) for end in (-np.inf, np.inf)), 0.0)
     assert np.allclose(left_out[:, 1], known[:, 1]), "what the other folds know nothing of predicts nothing"
+
+
+def test_no_rival_does_better_by_taking_samples_without_load_for_the_noisier_branch():
+    loaded = np.arange(100)[None] < 60
+    beside = np.where(loaded, 1.0, 1.3)
+    other = np.arange(100)[None] < 50  # ten samples more in the noisy branch, and a response 2 % smaller
+    level = 0.98 * np.where(other, 1.0, 1.3)
+    assert _in_branches(level, other, beside, loaded) == pytest.approx(0.98 * beside)
+    assert _in_branches(level, loaded, beside, loaded) is level

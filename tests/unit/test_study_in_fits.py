@@ -11,7 +11,7 @@ from pycosim.cli.entry import main
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.data.residuals import huber
-from pycosim.data.turns import LONGER, building_up, off
+from pycosim.data.turns import LATE, LONGER, TIMES, building_up, off
 from pycosim.diagnosis.excitation import undetectable
 from pycosim.diagnosis.scores import Scores
 from pycosim.diagnosis.table import Table
@@ -91,7 +91,7 @@ def test_a_parameter_may_leave_the_rig_s_bounds_where_the_study_says_so(dataset,
     assert fitted(dataset(strong))["s1A.f0"] == pytest.approx(1.0, rel=0.01)
 
 
-def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0):
+def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0, beside=0.0):
     """What `building_up` says of a segment that turns every second, whose friction builds up over a travel."""
     time, rng = np.arange(4000) * 0.01, np.random.default_rng(seed)
     way = (np.mod(time, 1.0) * 0.5) ** 2  # since the turn
@@ -102,13 +102,17 @@ def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0):
 
     late = np.where(np.mod(time, 1.0) < delay, -sign, state(travel))
     errors = (late - sign + noise * rng.standard_normal(len(time)))[None]
+    errors += beside * sign * np.sqrt(way)  # something else that is missing, and grows with the speed
+    others = [0.6 * (state(times * own) - sign)[None, None] for times in TIMES]
+    others += [0.6 * (np.roll(state(own), n) - sign)[None, None] for n in LATE]
     return building_up(*((state(times * own) - sign)[None] for times in (1.0, LONGER)), np.ones(len(time), dtype=bool),
-                       np.floor(time).astype(int), time, errors, (0.6 * (state(own) - sign))[None, None])
+                       np.floor(time).astype(int), time, errors, (0.6 * (state(own) - sign))[None, None], others)
 
 
 @pytest.mark.parametrize(("left_out", "there"), [
     (True, {"travel": 1e-3}), (True, {"travel": 1e-3, "seed": 1, "noise": 0.1}), (False, {"travel": 0.0}),
-    (False, {"travel": 5e-3}), (False, {"travel": 0.0, "delay": 0.07})])
+    (True, {"travel": 1e-3, "beside": -0.3}), (False, {"travel": 0.0, "beside": -0.3}), (False, {"travel": 2e-4}),
+    (False, {"travel": 5e-3}), (False, {"travel": 0.0, "delay": 0.07}), (False, {"travel": 0.0, "delay": 0.03})])
 def test_only_what_the_model_s_own_travel_does_after_turns_is_left_out(left_out, there):
     found = turning(**there)
     assert (0 < found.sum() < 0.3 * len(found)) if left_out else not found.any()
