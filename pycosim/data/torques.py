@@ -274,7 +274,7 @@ class _Start:
         """How much of the jump at each start has come, after a travel that is so many times the model's own."""
         data = self.dataset
         parameters = {n: v.value for n, v in data.parameters.variables(data.base).items()}
-        built = built_up(data, parameters, times)
+        built = built_up(data, data.base, parameters, times)
         return [_share(built[:, part[0] - 1:part[-1] + 1], np.sign(data.speeds[:, moving[0]]))
                 if part[0] and data.run[part[0]] == data.run[part[0] - 1] else None for part, moving in self.parts]
 

@@ -12,6 +12,7 @@ from scipy import stats
 from scipy.optimize import nnls
 from scipy.signal import lfilter
 
+from ..compile import compile_model
 from ..dynamics.states import propagate
 from . import segmentation
 from .derivatives import resolution
@@ -118,12 +119,14 @@ def compared(dataset, parameters, least, slowest, angles):
     moving, passes = _cut(dataset, least, angles)
     if not dataset.base.segments:
         return moving, passes, least
-    travel = _Travel(dataset, parameters)
-    if np.any(slowest < least):
+    travel, at_work = _Travel(dataset, parameters), False
+    if np.any(slowest < least):  # there a travel is told from a delay best
         slow, ways = _cut(dataset, slowest, [n for n in angles if not dataset.motion.told_by_speed(n)])
-        if not travel.seen(slow, ways).any() and off(travel.errors[travel.forces], moving, ways, dataset.time):
+        at_work = travel.seen(slow, ways).any()
+        if not at_work and off(travel.errors[travel.forces], moving, ways, dataset.time):
             return slow, ways, slowest
-    moving = moving & ~travel.seen(moving, passes)
+    if at_work or travel.seen(moving, passes).any():
+        moving = moving & ~np.any(np.abs(travel.miss) > BUILT_UP, axis=0)
     return moving, np.where(moving, passes, -1), least
 
 
@@ -173,10 +176,15 @@ def off(errors, moving, passes, time):
 
 
 class _Travel:
-    """What the model's own travel changes after turns, what else would look like it, and what is measured there."""
+    """What the rig's own travel changes after turns, what else would look like it, and what is measured there.
+
+    No effect of the study counts: samples are the same with what was found as without it.
+    """
 
     def __init__(self, dataset, parameters):
-        base, question, self.time = dataset.base, dataset.question, dataset.time
+        base = compile_model(dataset.library, dataset.study.rig, [])
+        question, self.time = dataset.ask(base), dataset.time
+        parameters = {n: parameters[n] for n in base.parameters}
         rows, way = [question.states.index(f"{c}.z") for c in base.segments], np.sign(dataset.speeds)
         sliding = np.zeros((len(question.states), len(self.time)))
         sliding[rows] = way
@@ -193,8 +201,8 @@ class _Travel:
                 found.append(predicted(states) - at_once)
             return np.array(found)
 
-        early, at_once = built_up(dataset, parameters), predicted(sliding)
-        far = {times: built_up(dataset, parameters, times) for times in TIMES}
+        early, at_once = built_up(dataset, base, parameters), predicted(sliding)
+        far = {times: built_up(dataset, base, parameters, times) for times in TIMES}
         late = [np.roll(early, n, axis=1) for n in LATE]
         lagging = [lfilter([1 / (1 + n)], [1, -n / (1 + n)], early, axis=1) for n in LAGS]
         self.errors = np.array([dataset.reference(c) for c in dataset.outputs]) - at_once
@@ -210,15 +218,17 @@ class _Travel:
         return building_up(self.miss, self.longer, moving, passes, self.time, self.errors, self.columns, self.others)
 
 
-def built_up(dataset, parameters, times=1.0):
+def built_up(dataset, model, parameters, times=1.0):
     """How far the friction of each segment has been built up over the model's own travel.
 
     Parameters
     ----------
     dataset : Dataset
-        Its question and signals are known.
+        Its signals are known.
+    model : Model
+        Of its rig.
     parameters : dict of str to float
-        Of the base model, `travel` [rad] or [m] among them.
+        Of the model, `travel` [rad] or [m] among them.
     times : float
         That travel, over the one of the parameters.
 
@@ -227,11 +237,11 @@ def built_up(dataset, parameters, times=1.0):
     ndarray, shape (segments, n)
         From -1, sliding backwards, to 1.
     """
-    names = [f"{c}.z" for c in dataset.base.segments]
+    names, question = [f"{c}.z" for c in model.segments], dataset.ask(model)
     rates = {n: v for n, v in dataset.signals.items() if n.startswith("der(")}
     longer = {n: v * times if n.endswith(".travel") else v for n, v in parameters.items()}
-    states = propagate(dataset.question, rates, dataset.time, longer, dataset.run, only=names)[0]
-    return states[[dataset.question.states.index(n) for n in names]]
+    states = propagate(question, rates, dataset.time, longer, dataset.run, only=names)[0]
+    return states[[question.states.index(n) for n in names]]
 
 
 def without_ends(dataset, moving, passes, angles):
