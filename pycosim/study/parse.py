@@ -17,6 +17,7 @@ from .schema import (
     DATA_KEYS,
     DROP_OUTS,
     EFFECT_KEYS,
+    FINDINGS,
     FIT_KEYS,
     LIMIT_KEYS,
     MOST,
@@ -259,7 +260,7 @@ def _data(source, tables):
                 drop_outs=source.choice(table, "drop_outs", DROP_OUTS, where, "refuse"),
                 average=source.choice(table, "average", ("file",), where, None),
                 reader=source.choice(table, "reader", READERS, where, None), **_layout(source, table),
-                **{key: _texts(source, table, key) for key in ("accept", "rejected")})
+                accept=_accepted(source, table), rejected=_texts(source, table, "rejected"))
 
 
 def _layout(source, table):
@@ -311,6 +312,17 @@ def _texts(source, table, key, where="[data]"):
     for item in found:
         if not isinstance(item, str) or not item:
             raise source.error(where, f"{key} must be a list of texts in quotes, but holds {to_toml(item)}", key)
+    return found
+
+
+def _accepted(source, table):
+    """Kinds of findings that the study has answered."""
+    found = _texts(source, table, "accept")
+    for kind in found:
+        if kind not in FINDINGS:
+            near = closest(kind, FINDINGS)
+            raise source.error("[data]", f"accept: the data check finds nothing of the kind '{kind}'{near}; write the "
+                               "kind that 'pycosim check' says behind a finding", "accept")
     return found
 
 

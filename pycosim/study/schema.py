@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,6 +18,9 @@ from .layout import LAYOUT_KEYS, Layout
 REFERENCES = ("sensor", "gravity_model", "unknown")
 DROP_OUTS = ("refuse", "skip")
 READERS = ("bam", "epos")
+FINDINGS = ("sign", "swap", "scale", "unit", "shift", "clock", "wrap", "clipped", "stuck", "outliers", "shock",
+            "filtered", "zero", "limits", "resolution", "rest", "rate")
+"""Kinds of what the data check finds, that a study can accept."""
 # What a log may hold although the rig has no such variable: effects read it, or it is only looked at.
 LOG_VARIABLES = {"time": "s", "temperature": "degC"}
 TABLES = ("rig", "parameters", "limits", "data", "fit", "columns", "effects")
@@ -393,6 +397,8 @@ class Study:
         known = {**read, **LOG_VARIABLES, **{n: v.unit for n, v in model.variables.items()}}
         for name, column in self.columns.items():
             check_column(self, name, column, known)
+        for name in self.limits:
+            check_limit(self, name, known)
         return model
 
 
@@ -467,6 +473,53 @@ def check_column(study, name, column, known):
         units.to_si(column.unit, expected, where)
     elif expected != "N.m":
         raise StudyError(f"{where}: k_m makes a current a torque, but '{column.variable}' is in {expected}; remove k_m")
+
+
+def check_limit(study, name, known):
+    """Check what a limit is of against the rig.
+
+    Parameters
+    ----------
+    study : Study
+        Named in what is refused.
+    name : str
+        A variable, or a sum of angles with factors, as ``0.5 * motor1.phi - q_K``.
+    known : dict of str to str
+        Unit of every variable that a log can hold.
+
+    Raises
+    ------
+    UnknownNameError
+        It names what the rig does not have.
+    """
+    rates = {f"{n[:-3]}{rate}" for n in known if n.endswith(".phi") for rate in ("w", "a")}
+    for _, variable in limit_terms(name):
+        if variable not in known and variable not in rates:
+            raise UnknownNameError(f"{study.path}: [limits] '{name}': no variable '{variable}' in {study.rig}"
+                                   f"{closest(variable, [*known, *sorted(rates)])}; name one of the rig's there")
+
+
+def limit_terms(name):
+    """Variables that a limit adds up.
+
+    Parameters
+    ----------
+    name : str
+        Of the limit, as ``0.5 * motor1.phi - q_K``.
+
+    Returns
+    -------
+    list of (float, str)
+        Factor and variable.
+
+    Examples
+    --------
+    >>> limit_terms("0.5 * motor1.phi - q_K")
+    [(0.5, 'motor1.phi'), (-1.0, 'q_K')]
+    """
+    terms = re.findall(r"([+-]?)\s*(?:((?:\d+\.?\d*|\.\d+)(?:[eE]\d+)?)\s*\*\s*)?([^\s+*-][^+*-]*)", name)
+    return [((-1.0 if sign == "-" else 1.0) * float(factor or 1.0), variable.strip())
+            for sign, factor, variable in terms]
 
 
 def known_unit(unit):

@@ -16,6 +16,7 @@ from pycosim.cli.entry import main
 from pycosim.compile import Library
 from pycosim.core.errors import StudyError
 from pycosim.data.checks import DISCRETE, KINDS, check
+from pycosim.data.checks.limits import beyond
 from pycosim.data.logs import load
 from pycosim.study.parse import load_study
 
@@ -209,6 +210,15 @@ def test_what_is_continuous_is_said_and_stops_nothing(library, tmp_path):
     assert "zero = 0.0349" in told["zero"].mend
     hit = [t for t in frame["time"].to_numpy()[at] if any(a <= t <= b for a, b in told["outliers"].times)]
     assert len(hit) >= 18
+
+
+def test_a_limit_of_a_sum_with_factors_is_compared(library, tmp_path):
+    frame = sound()
+    gap = float((0.5 * frame["theta1"] - frame["q_K"]).max())
+    text = STUDY.replace("[limits]", f'[limits]\n"0.5 * motor1.phi - q_K" = {{ max = {gap / 2} }}')
+    known = {"motor1.phi": frame["theta1"].to_numpy(), "q_K": frame["q_K"].to_numpy()}
+    found = beyond(study(tmp_path, frame, text), known)
+    assert found["0.5 * motor1.phi - q_K"][0] == pytest.approx(gap, rel=0.1)
 
 
 def test_what_neither_log_nor_limits_can_tell_is_asked(library, tmp_path):

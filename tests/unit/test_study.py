@@ -235,6 +235,7 @@ BROKEN = {
     "preamble": (RIG + "[data]\npreamble = -1", ["preamble = -1"]),
     "units of no header": (RIG + "[data]\nheader = false\nunits_row = true", ["units_row", "preamble"]),
     "accept not texts": (RIG + "[data]\naccept = [1]", ["accept must be a list of texts", "1"]),
+    "accept no kind": (RIG + '[data]\naccept = ["sgin"]', ["accept", "'sgin'", "closest: 'sign'", "study.toml:4"]),
     "rejected and there": (RIG + '[data]\nrejected = ["viscous@1A"]\n'
                            '[[effects]]\neffect = "viscous"\nplace = "1A"',
                            ["rejected", "'viscous' at '1A'", "[[effects]]"]),
@@ -300,6 +301,12 @@ UNFIT = {
     "variable": (COLUMN.format("motor1.pih", "rad"), UnknownNameError,
                  ["column 'a'", "'motor1.pih'", "closest: 'motor1.phi'"]),
     "dimension": (COLUMN.format("motor1.tau", "rad"), UnknownNameError, ["column 'a'", "unit 'rad'", "N.m"]),
+    "limit": (RIG + '[limits]\n"motor1.ww" = { max = 2.0 }', UnknownNameError,
+              ["[limits] 'motor1.ww'", "closest: 'motor1.w'"]),
+    "limit of a torque": (RIG + '[limits]\n"motor1.tao" = { max = 2.0 }', UnknownNameError,
+                          ["'motor1.tao'", "closest: 'motor1.tau'"]),
+    "limit of a sum": (RIG + '[limits]\n"q_H + q_T" = { max = 2.0 }', UnknownNameError,
+                       ["[limits] 'q_H + q_T'", "no variable 'q_T'", "closest: 'q_"]),
     "k_m on an angle": (RIG + '[columns]\na = { variable = "motor1.phi", unit = "A", k_m = 1 }', StudyError,
                         ["'a'", "k_m"]),
 }
@@ -320,6 +327,11 @@ def test_a_study_may_widen_the_bounds_of_its_rig_and_the_scale_follows(study, li
     assert (wide.value, wide.min, wide.max) == (10.0, -5.0, 20.0)
     assert wide.nominal == pytest.approx(usual.nominal * 20.0 / usual.max)
     assert Setting(0.1, 0.0, 0.5).applied(usual).nominal == usual.nominal
+
+
+def test_limits_may_be_of_sums_with_factors_and_of_what_motors_do(study, library):
+    limits = '"0.5 * motor1.phi - q_K" = { max = 2.0 }\n"q_H + q_K" = { min = -1 }\n"motor1.a" = { max = 8 }'
+    study(f"{RIG}[limits]\n{limits}").validate(library)
 
 
 def test_the_temperature_may_be_logged_for_any_rig(study, library):

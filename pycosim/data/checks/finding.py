@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from ...study.schema import COLUMN_KEYS, Column, known_unit
+from ...study.schema import COLUMN_KEYS, FINDINGS, Column, known_unit
 from ...study.write import to_toml
 
-KINDS = ("sign", "swap", "scale", "unit", "shift", "clock", "wrap", "clipped", "stuck", "outliers", "shock", "filtered",
-         "zero", "limits", "resolution", "rest", "rate")
+KINDS = FINDINGS
+"""What a study may accept is what a check may find."""
 DISCRETE = ("sign", "swap", "unit", "wrap", "stuck", "clock")
 """Kinds that are right or wrong and nothing between: no physics acts like them, so a search stops at them."""
 SURE = 0.9

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...study.schema import limit_terms
 from .finding import Finding
 
 _OVER = 0.02  # of the limit: noise, and a controller's overshoot
@@ -27,10 +28,10 @@ def beyond(study, known):
     """
     found = {}
     for name, (low, high) in study.limits.items():
-        parts = [p.strip() for p in name.split("+")]
-        if not all(p in known for p in parts):
+        parts = limit_terms(name)
+        if not all(p in known for _, p in parts):  # not recorded; that the rig has it, the study was checked for
             continue
-        values = sum(known[p] for p in parts)
+        values = sum(factor * known[p] for factor, p in parts)
         both = low is None  # a largest speed or torque holds either way
         least, most = np.quantile(values, (_SHARE, 1 - _SHARE))
         room = max(abs(v) for v in (low, high) if v is not None)
@@ -62,10 +63,11 @@ def limits(study, known, columns, units):
     """
     found = []
     for name, (reached, limit, times) in beyond(study, known).items():
-        unit = units.get(name.split("+")[0].strip(), "")
+        parts = [p for _, p in limit_terms(name)]
+        unit = units.get(parts[0], "")
         side = "below" if reached < limit else "above"
         text = f"{name} reaches {reached:.4g} {unit}, {side} the {limit:.4g} {unit} of [limits]"
         text += "; check its unit" if times > 3 else ""
-        found.append(Finding("limits", text, [columns.of(p.strip()) for p in name.split("+")],
+        found.append(Finding("limits", text, [columns.of(p) for p in parts],
                              0.95 if times > 1.1 else 0.6))
     return found
