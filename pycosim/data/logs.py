@@ -225,6 +225,10 @@ def _check_columns(path, table, study, used):
         raise DataError(f"{path}: no column '{study.time_column}' for the time"
                         f"{closest(study.time_column, table.header)}; rename it, set [data] time_column, or "
                         "[data] rate where there is none")
+    if study.rate is not None and study.time_column in table.header:
+        raise DataError(f"{path}: has a column '{study.time_column}', and [data] rate = {study.rate:g} is for logs "
+                        "without a column of time; take rate out, or add [data] time_column = \"\" where that is not "
+                        "the time")
     if study.labels != "manoeuvre" and study.labels not in table.columns:
         raise DataError(f"{path}: no label column '{study.labels}'{closest(study.labels, table.header)}")
     if not study.columns:

@@ -159,6 +159,8 @@ class Proposal:
             found["reader"] = self.sample.look.reader
         if self.rate is not None:
             found["rate"] = self.rate
+            if "time" in self.sample.look.header:  # it was said not to be the time
+                found["time_column"] = ""
         elif self.time not in (None, "time"):
             found["time_column"] = self.time
         return found

@@ -269,9 +269,12 @@ def _layout(source, table):
     rate = source.take(table, "rate", float, where)
     if rate is not None and rate <= 0:
         raise source.error(where, f"rate = {rate:g} Hz must be above zero", "rate")
-    if rate is not None and "time_column" in table:
+    if rate is not None and table.get("time_column"):
         raise source.error(where, "rate is for logs without a column of time, but time_column names one; keep one of "
                            "the two", "rate")
+    if rate is None and table.get("time_column") == "":
+        raise source.error(where, 'time_column = "" says that no column is the time; add rate = 500, the rows a second',
+                           "time_column")
     span = source.take(table, "time", list, where)
     if span is not None:
         plain = len(span) == 2 and all(isinstance(t, (int, float)) and not isinstance(t, bool) and math.isfinite(t)

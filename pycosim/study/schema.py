@@ -14,6 +14,7 @@ from ..compile.model import compile_model
 from ..core import units
 from ..core.errors import BoundsError, PycosimError, StudyError, UnknownNameError, closest
 from .layout import LAYOUT_KEYS, Layout
+from .toml import to_toml
 
 REFERENCES = ("sensor", "gravity_model", "unknown")
 DROP_OUTS = ("refuse", "skip")
@@ -179,7 +180,8 @@ class Study:
     columns : dict of str to Column
         By the column's name in the file.
     labels, time_column : str
-        Columns of the optional labels and of the time.
+        Columns of the optional labels and of the time; "" says that no column is the time, and `rate` holds whatever
+        the columns are called.
     effects : list of (str, str)
         Effect and place.
     w_min : float or None
@@ -469,6 +471,10 @@ def check_column(study, name, column, known):
         raise UnknownNameError(
             f"{where}: no variable '{column.variable}' in {study.rig}{closest(column.variable, known)}")
     expected = known[column.variable]
+    if column.k_m is None and expected == "N.m" and known_unit(column.unit)[0] == "A":
+        line = to_toml({name: {"variable": column.variable, "unit": column.unit, "k_m": 0.1}})[2:-2]
+        raise UnknownNameError(f"{where}: unit '{column.unit}' is of a current, and '{column.variable}' is a torque; add "
+                               f"the motor's constant k_m in N.m/A, as {line}")
     if column.k_m is None:
         units.to_si(column.unit, expected, where)
     elif expected != "N.m":

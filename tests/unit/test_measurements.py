@@ -460,6 +460,12 @@ def test_a_rate_stands_for_a_column_of_time(read):
         read(source)
 
 
+def test_a_rate_beside_a_column_of_time_is_refused_unless_that_is_said_to_be_none(read):
+    with pytest.raises(DataError, match=r"has a column 'time', and \[data\] rate = 250 .*; take rate out"):
+        read(frame(), rate=250.0)
+    np.testing.assert_allclose(read(frame(), rate=250.0, time_column="").time, np.arange(40) / 250)
+
+
 def test_columns_of_a_file_without_a_header_go_by_number(read):
     columns = {"2": Column("motor1.phi", "rad"), "3": Column("motor1.tau", "N.m")}
     text = frame().to_csv(index=False, header=False)

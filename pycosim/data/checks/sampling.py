@@ -97,9 +97,12 @@ def clock(study, logs):
             known = study.columns.get(name)
             if known is not None:
                 mend = column_line(name, replace(known, unit=unit))
+            if study.rate is not None:
+                name, mend = f"[data] rate, {study.rate:g},", f"[data]\nrate = {study.rate / factor:.6g}"
             text = (f"{name} is in {unit}, not in s: a sample every {step:.4g} s and a fastest motion of "
                     f"{fastest:.3g} rad/s become {1 / (step * factor):.4g} Hz and {fastest / factor:.3g} rad/s")
-            return [Finding("unit", text, [name], 0.999 if agrees else 0.98, mend=mend)], factor
+            named = [name] if study.rate is None else []
+            return [Finding("unit", text, named, 0.999 if agrees else 0.98, mend=mend)], factor
     return [], 1.0
 
 
