@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from ..core.errors import DataError
 
 
@@ -93,7 +95,7 @@ def refuse(study, checked):
         return
     wrong = []
     for finding in checked.blocking:
-        mend = "; ".join(line for line in finding.mend.splitlines())
+        mend = "; ".join(line for line in re.sub(r"(?m)^(\[\w+\])\n", r"\1 ", finding.mend).splitlines())
         wrong.append(f"{sentence(finding).rstrip('.')}" + (f"; in the study: {mend}" if mend else ""))
     kinds = ", ".join(dict.fromkeys(f'"{f.kind}"' for f in checked.blocking))
     raise DataError(f"{study.path}: {'. '.join(wrong)}. No physics is looked for in such a log; mend the study, or go "

@@ -473,8 +473,8 @@ def check_column(study, name, column, known):
     expected = known[column.variable]
     if column.k_m is None and expected == "N.m" and known_unit(column.unit)[0] == "A":
         line = to_toml({name: {"variable": column.variable, "unit": column.unit, "k_m": 0.1}})[2:-2]
-        raise UnknownNameError(f"{where}: unit '{column.unit}' is of a current, and '{column.variable}' is a torque; add "
-                               f"the motor's constant k_m in N.m/A, as {line}")
+        raise UnknownNameError(f"{where}: unit '{column.unit}' is of a current, and '{column.variable}' is a torque; "
+                               f"add the motor's constant k_m in N.m/A, as {line}")
     if column.k_m is None:
         units.to_si(column.unit, expected, where)
     elif expected != "N.m":

@@ -16,6 +16,7 @@ from pycosim.cli.entry import main
 from pycosim.compile import Library
 from pycosim.core.errors import StudyError
 from pycosim.data.checks import DISCRETE, KINDS, check
+from pycosim.data.checks.finding import Finding, joined
 from pycosim.data.checks.limits import beyond
 from pycosim.data.logs import load
 from pycosim.study.parse import load_study
@@ -72,8 +73,8 @@ MISTAKES = {
     "steps of an encoder": (counts, "unit", "gain = 0.00153398"),
     "milliseconds": (times(1e3, "time"), "unit", 'time = { variable = "time", unit = "ms" }'),
     "an angle that begins again": (wrapped, "wrap", "wrap = 6.28319"),
-    "a torque that stays": (stuck("tau1"), "stuck", "time = [0"),
-    "a reference that stays": (stuck("C_H"), "stuck", "time = [0"),
+    "a torque that stays": (stuck("tau1"), "stuck", "[data]\ntime = [0"),
+    "a reference that stays": (stuck("C_H"), "stuck", "[data]\ntime = [0"),
     "another clock": (late(0.0, 0.003, *C), "clock", "clock = 1.00"),
     "joint encoders with another clock": (late(0.0, 0.003, "q_H", "q_K"), "clock", "clock = 1.00"),
 }
@@ -118,7 +119,7 @@ def checked(library, asked):
 
 def mended(text, lines):
     """The study with the lines of a mend in their places."""
-    for line in lines.splitlines():
+    for line in lines.replace("[data]\n", "").splitlines():
         name = line.split(" = ")[0]
         there = re.search(rf"(?m)^{re.escape(name)} = .*$", text)
         table = "[data]\n" if name == "time" and "[" in line.split(" = ")[1][:1] else "[columns]\n"
@@ -194,6 +195,25 @@ def test_two_mistakes_are_both_named(library, tmp_path):
     for finding in found.blocking:
         text = mended(text, finding.mend)
     assert not checked(library, study(tmp_path, frame, text)).blocking
+
+
+def test_the_last_line_of_a_column_holds_all_that_is_to_be_mended_in_it(library, tmp_path):
+    frame = late(0.03, 0.0, "tau1", "tau2")(times(1e3, "tau1")(sound()))
+    found = checked(library, study(tmp_path, frame)).findings
+    lines = [line for f in found for line in f.mend.splitlines() if line.startswith("tau1")]
+    assert [f.kind for f in found][:2] == ["unit", "shift"] and "late" not in lines[0]
+    assert 'unit = "mN.m"' in lines[0] and 'unit = "mN.m", late = 0.0' in lines[-1]
+
+
+def test_lines_for_one_column_are_joined_and_no_question_goes_into_another_line(tmp_path):
+    asked = study(tmp_path, sound())
+    unit = Finding("unit", "mN.m", ["tau1"], 0.99, mend='tau1 = { variable = "motor1.tau", unit = "mN.m" }')
+    question = Finding("unit", "A", ["tau1"], 0.2, mend='tau1 = { variable = "motor1.tau", unit = "A", k_m = 0.1 }')
+    shift = Finding("shift", "late", ["tau1"], 0.7, mend='tau1 = { variable = "motor1.tau", unit = "N.m", late = 0.1 }')
+    spans = [Finding("stuck", "stays", ["tau1"], 0.9, mend=f"[data]\ntime = [{a}, {b}]") for a, b in ((0, 9), (2, 30))]
+    made = [f.mend for f in joined([unit, *spans, question, shift], asked)]
+    assert made[0] == unit.mend and made[2] == "[data]\ntime = [2, 9]" and made[3] == question.mend
+    assert made[4] == 'tau1 = { variable = "motor1.tau", unit = "mN.m", late = 0.1 }'
 
 
 def test_what_is_continuous_is_said_and_stops_nothing(library, tmp_path):

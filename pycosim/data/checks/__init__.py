@@ -13,7 +13,7 @@ import numpy as np
 from .asking import asked
 from .changes import Columns
 from .clipped import clipped
-from .finding import DISCRETE, FACTS, KINDS, Checked, Finding, ordered
+from .finding import DISCRETE, FACTS, KINDS, Checked, Finding, joined, ordered
 from .limits import limits
 from .outliers import outliers, shocks
 from .readings import Readings, Source
@@ -61,7 +61,7 @@ def check(study, library, model, logs):
     in_seconds, factor = clock(study, logs)
     found += steps + unwrapped + in_seconds + outliers(logs, columns) + copied(logs, columns)
     found += _Relations(study, library, model, logs, factor, raw).findings()
-    return Checked(ordered(found), list(study.accept))
+    return Checked(joined(ordered(found), study), list(study.accept))
 
 
 class _Relations:
@@ -84,6 +84,7 @@ class _Relations:
         list of Finding
         """
         found, state = self.search.findings()
+        self.columns = self.search.mended(state)  # what is found beside a mistake goes into the line that mends it
         whole = {k: r.hold(self.whole, state.sources, state.holds[k].x) for k, r in enumerate(self.relations)}
         holds = [(r, whole[k]) for k, r in enumerate(self.relations)]
         found += stuck(self.whole, state.sources, self.columns, self.group, holds)

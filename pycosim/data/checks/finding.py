@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from dataclasses import dataclass, field, replace
 
 from ...study.schema import COLUMN_KEYS, FINDINGS, Column, known_unit
@@ -122,6 +123,10 @@ def _rounded(errors):
     return {n: float(f"{v:.6g}") for n, v in errors.items() if math.isfinite(v)}
 
 
+_SPAN = ("data", "time")
+"""What no column is called."""
+
+
 # --- lines that mend ------------------------------------------------------------------------------------------------
 
 
@@ -150,6 +155,54 @@ def _short(value):
 
 def _bare(name):
     return to_toml({name: 0})[2:].partition(" = ")[0]
+
+
+def joined(findings, study):
+    """Findings whose lines for one column hold what the findings before them change in it.
+
+    Parameters
+    ----------
+    findings : list of Finding
+        As they are told; of two lines for a column the later one is to stand in the study, where it may stand once.
+    study : Study
+        Its columns, as they are before any mend.
+
+    Returns
+    -------
+    list of Finding
+        What is a question is not taken into the lines after it.
+    """
+    given = {n: _said(column_line(n, c))[n] for n, c in study.columns.items()}
+    held, made = dict(given), []
+    for finding in findings:
+        said = dict(held)
+        lines = [_line_after(line, given, said) for line in finding.mend.splitlines()]
+        made.append(replace(finding, mend="\n".join(lines)))
+        held = held if finding.certainty < 0.5 else said
+    return made
+
+
+def _line_after(line, given, held):
+    """A line with what is held of its column, or the part of a log that is left of both; that is held from then on."""
+    name, new = next(iter(_said(line).items()), ("", None))
+    if isinstance(new, list):  # the time that is used
+        first, last = held.get(_SPAN, new)
+        new = [max(first, new[0]), min(last, new[1])]
+        if new[0] >= new[1]:
+            return line
+        held[_SPAN] = new
+        return f"{name} = {to_toml(new)}"
+    if not isinstance(new, dict):
+        return line
+    before, now = given.get(name, {}), held.get(name, {})
+    new = {k: now.get(k) if new.get(k) == before.get(k) else new.get(k) for k in COLUMN_KEYS}
+    held[name] = {k: v for k, v in new.items() if v is not None}
+    return f"{_bare(name)} = {to_toml(held[name])}"
+
+
+def _said(line):
+    """What a line of a mend says; nothing where it names a table, or is a comment."""
+    return {} if line.startswith(("[", "#")) else tomllib.loads(line)
 
 
 def scaled(column, factor, unit=None, k_m=None):

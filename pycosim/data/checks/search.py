@@ -244,8 +244,8 @@ class Search:
         -------
         list of Finding
         """
-        found = []
-        torques = [v for v in self.group["torques"] if self.columns.column(v) is not None]
+        found, columns = [], self.mended(state)
+        torques = [v for v in self.group["torques"] if columns.column(v) is not None]
         for variable in torques if state.worst() >= _GAINED else ():
             def after(g):
                 change = {variable: Source(variable, g)}
@@ -267,10 +267,24 @@ class Search:
                         if e < state.holds[k].smooth[c] / 1.2}
                 before, then = ({c: s.holds[k].error[c] for k, c in told} for s in (state, there))
                 found.append((ratio, Finding(
-                    "scale", f"{self.columns.of(variable)} fits better times {(low + high) / 2:.3g}: "
-                    f"{self._told(before, then)}", [self.columns.of(variable)], 0.6, before, then,
-                    Columns.lines(self.columns.after([("scale", variable, (low + high) / 2)]), self.columns))))
+                    "scale", f"{columns.of(variable)} fits better times {(low + high) / 2:.3g}: "
+                    f"{self._told(before, then)}", [columns.of(variable)], 0.6, before, then,
+                    columns.after([("scale", variable, (low + high) / 2)]).lines(columns))))
         return [max(found, key=lambda f: f[0])[1]] if found else []
+
+    def mended(self, state):
+        """Columns as a study has them whose mistakes are mended.
+
+        Parameters
+        ----------
+        state : State
+            What `run` ended with.
+
+        Returns
+        -------
+        Columns
+        """
+        return self.columns.after([e for c in state.changes for e in c.edits])
 
     def findings(self):
         """Mistakes found, each with the lines that mend it.
@@ -282,8 +296,7 @@ class Search:
             The log with the mistakes undone.
         """
         state, rivals = self.run()
-        edits = [e for c in state.changes for e in c.edits]
-        after, found, done = self.columns.after(edits), [], self.given
+        after, found, done = self.mended(state), [], self.given
         for change, others in zip(state.changes, rivals):
             there = self._after(done, change)
             told = {(k, c) for k in done.holds for c, e in done.holds[k].relative.items()

@@ -156,7 +156,7 @@ def _finding(readings, columns, name, k, bad, time, values):
     if free is None or free[1] - free[0] < _REST * (time[-1] - time[0]):
         mend = f"# {column}: record it again, or take its line out of [columns]"
     else:
-        mend = f"time = [{free[0]:.6g}, {free[1]:.6g}]"
+        mend = f"[data]\ntime = [{free[0]:.6g}, {free[1]:.6g}]"
     return Finding("stuck", text, [column], 0.99, mend=mend, times=times)
 
 
