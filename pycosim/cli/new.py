@@ -281,6 +281,7 @@ def _data_lines(most):
     yield "most", f"# most = {most:_}            # a log with more rows is read as means of consecutive ones"
     yield "rate", '# rate = 500                  # samples a second, of a log without a column of time'
     yield "header", '# header = false              # columns have no names; they are called "1", "2", ..'
+    yield "leave_out", '# leave_out = [[3.1, 3.4]]   # not compared there, s; ["run.csv", 3.1, 3.4] for one log'
     yield "time", '# time = [0.0, 60.0]          # only this part of each log, s'
 
 

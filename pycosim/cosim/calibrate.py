@@ -91,6 +91,9 @@ def calibrate(study, path, progress=lambda text: None):
         Nothing is free, or no column is an output.
     """
     study.refuse_own("identify --fmu")
+    if study.leave_out:
+        raise StudyError(f"{study.path}: [data] leave_out is for what a rig is compared with, and an FMU is compared "
+                         "at every sample; take it out, or keep a part of the logs with time = [first, last]")
     fmu = ForeignFmu(path)
     try:
         return _Calibrator(fmu, study, progress).found()

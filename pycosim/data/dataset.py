@@ -49,6 +49,8 @@ class Dataset:
         Everything measured, by model variable.
     moving : ndarray of bool, shape (n,)
         Samples in which every segment slides: those that are compared.
+    left_out : ndarray of bool, shape (n,)
+        Samples that the study leaves out: they are recorded, drive states, and count as not moving.
     speed_unit : str
         Of the segments' speeds.
     w_min : float
@@ -110,6 +112,7 @@ class Dataset:
             require(log, [k for k in self.known if k in mapped or not k.startswith("push")])
         self.time = np.concatenate([log.time for log in self.logs])
         self.run = np.concatenate([np.full(len(log.time), k) for k, log in enumerate(self.logs)])
+        self.left_out = np.concatenate([self.study.left_out(log.name, log.time) for log in self.logs])
         shared = set.intersection(*[set(log.signals) for log in self.logs])
         self.measured = {v: np.concatenate([log.signals[v] for log in self.logs]) for v in sorted(shared)}
         self.labels = (np.concatenate([log.labels for log in self.logs])
@@ -452,7 +455,8 @@ class Dataset:
                 if not hasattr(self, "_pairs"):
                     self._pairs = segmentation.pairs(self.config, self.passes, self.run, block=self.block)
                 p = self._pairs
-                keep = inside[p.i] & inside[p.j0] & inside[p.j1]
+                gone = np.cumsum(self.left_out)
+                keep = inside[p.i] & inside[p.j0] & inside[p.j1] & (gone[p.j0] == gone[p.j1])  # nothing across a hole
                 self._views[key] = segmentation.Pairs(p.i[keep], p.j0[keep], p.j1[keep], p.weight[keep])
         return self._views[key]
 

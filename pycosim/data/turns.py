@@ -134,7 +134,7 @@ def _cut(dataset, least, angles):
     """Moving samples without the ends that smoothing adds to them, and their passes."""
     moving = segmentation.moving(dataset.speeds, least, dataset.run)
     passes = segmentation.passes(dataset.time, dataset.speeds, moving, dataset.run)
-    moving = without_ends(dataset, moving, passes, [dataset.measured[n] for n in angles])
+    moving = without_ends(dataset, moving, passes, [dataset.measured[n] for n in angles]) & ~dataset.left_out
     return moving, np.where(moving, passes, -1)
 
 

@@ -179,6 +179,7 @@ def compare(dataset, model, fit, part="all"):
             "units": {name: unit_of(dataset, name) for name in [*error, *variables]},
             "samples": {"used": int(problem.n), "moving": int(dataset.moving.sum()), "all": int(len(dataset.time)),
                         "w_min": float(dataset.w_min), "unit_w_min": dataset.speed_unit,
+                        "left_out": int(np.count_nonzero(dataset.left_out)),
                         "left_out_rows": {log.name: log.dropped for log in dataset.logs if log.dropped}}}
 
 

@@ -159,6 +159,9 @@ def summary_data(dataset):
         if log.dropped:
             rows = sum(b - a + 1 for a, b in log.dropped)
             lines.append(f"{log.name}: {rows} {'row' if rows == 1 else 'rows'} left out.")
+    if dataset.study.leave_out:
+        gone = int(np.count_nonzero(dataset.left_out))
+        lines.append(f"{gone} {'sample' if gone == 1 else 'samples'} left out, as [data] leave_out says.")
     if dataset.paired:
         lines.append("No torque reference: errors are half the difference between a pass out and its way back.")
     return lines + dataset.shortcomings()

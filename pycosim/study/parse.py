@@ -253,12 +253,17 @@ def _data(source, tables):
     if runs and not fitted:
         raise source.error(where, f"every log, {runs[0].name} first, is in runs and in held_out, so nothing is left to "
                            "fit; hold fewer out", "held_out")
+    average = source.choice(table, "average", ("file",), where, None)
+    leave_out = _left_out(source, table, [*fitted, *held_out])
+    if leave_out and average:
+        raise source.error(where, "leave_out is of samples, and average makes one sample of a file; use time = [first, "
+                           "last] for the part that is averaged", "leave_out")
     return dict(runs=fitted, held_out=held_out, w_min=w_min, seed=seed, most=most,
                 reference=source.choice(table, "reference", REFERENCES, where, "unknown"),
                 labels=source.take(table, "label", str, where, "manoeuvre"),
                 time_column=source.take(table, "time_column", str, where, "time"),
                 drop_outs=source.choice(table, "drop_outs", DROP_OUTS, where, "refuse"),
-                average=source.choice(table, "average", ("file",), where, None),
+                average=average, leave_out=leave_out,
                 reader=source.choice(table, "reader", READERS, where, None), **_layout(source, table),
                 accept=_accepted(source, table), rejected=_texts(source, table, "rejected"))
 
@@ -277,13 +282,32 @@ def _layout(source, table):
                            "time_column")
     span = source.take(table, "time", list, where)
     if span is not None:
-        plain = len(span) == 2 and all(isinstance(t, (int, float)) and not isinstance(t, bool) and math.isfinite(t)
-                                       for t in span)
-        if not plain or span[0] >= span[1]:
+        if not _rising(span):
             raise source.error(where, f"time must be [first, last], two rising numbers in s, not {to_toml(span)}",
                                "time")
         span = float(span[0]), float(span[1])
     return dict(rate=rate, time=span, **_text_layout(source, table))
+
+
+def _rising(span):
+    """Whether a list is of two rising numbers."""
+    return len(span) == 2 and all(isinstance(t, (int, float)) and not isinstance(t, bool) and math.isfinite(t)
+                                  for t in span) and span[0] < span[1]
+
+
+def _left_out(source, table, logs):
+    """Spans of time whose samples are not compared, some of them of one log."""
+    found, names = [], [path.name for path in logs]
+    for item in source.take(table, "leave_out", list, "[data]", []):
+        *file, first, last = item if isinstance(item, list) and len(item) in (2, 3) else ("", "", "")
+        if not _rising([first, last]) or not all(isinstance(f, str) for f in file):
+            raise source.error("[data]", "leave_out must be a list of [first, last], two rising numbers in s, or of "
+                               f'["run.csv", first, last], but holds {to_toml(item)}', "leave_out")
+        if names and file and file[0] not in names:
+            raise source.error("[data]", f"leave_out: no log '{file[0]}' is in runs or held_out"
+                               f"{closest(file[0], names)}", "leave_out")
+        found.append([*file, float(first), float(last)])
+    return found
 
 
 def _text_layout(source, table):

@@ -32,7 +32,7 @@ COLUMN_KEYS = ("variable", "unit", "k_m", "zero", "gain", "offset", "sign", "wra
 EFFECT_KEYS = ("effect", "place")
 LIMIT_KEYS = ("min", "max")
 DATA_KEYS = ("runs", "held_out", "reference", "label", "time_column", "w_min", "seed", "drop_outs",
-              "average", "reader", "most", "rate", "time", *LAYOUT_KEYS, "accept", "rejected")
+              "average", "reader", "most", "rate", "time", "leave_out", *LAYOUT_KEYS, "accept", "rejected")
 FIT_KEYS = ("robust", "own")
 MOST = 2_000_000
 """Rows of a log that are read one by one, if the study does not say."""
@@ -203,6 +203,9 @@ class Study:
         Rows a second [Hz] of logs without a column of time.
     time : (float, float) or None
         Only rows from the first to the last of these times [s] are used, of every log.
+    leave_out : list of list
+        ``[first, last]`` [s], of every log, or ``[file, first, last]``: samples that nothing is compared at. What moves
+        there still moves the model.
     header : bool
         Whether a row of a text file names its columns; else they are called "1", "2", ...
     separator, decimal, encoding : str
@@ -243,6 +246,7 @@ class Study:
     most: int = MOST
     rate: float | None = None
     time: tuple | None = None
+    leave_out: list = field(default_factory=list)
     header: bool = True
     separator: str = ","
     decimal: str = "."
@@ -303,6 +307,26 @@ class Study:
         bool
         """
         return effect in self.rejected or f"{effect}@{place}" in self.rejected
+
+    def left_out(self, name, time):
+        """Samples of a log that the study leaves out.
+
+        Parameters
+        ----------
+        name : str
+            Of the log's file.
+        time : ndarray, shape (n,)
+            [s]
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        found = np.zeros(len(time), dtype=bool)
+        for *file, first, last in self.leave_out:
+            if file in ([], [name]):
+                found |= (time >= first) & (time <= last)
+        return found
 
     def own_parameters(self, library):
         """Parameters that have a value of their own in each run.

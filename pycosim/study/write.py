@@ -18,8 +18,8 @@ from .toml import to_toml
 # table: attribute of a study, and key where that is another
 _WRITTEN = {"rig": {"rig": "model", "modelica": "modelica"},
             "data": {"runs": "runs", "held_out": "held_out", "reference": "reference", "labels": "label",
-                     **{k: k for k in ("time_column", "rate", "time", *LAYOUT_KEYS, "w_min", "seed", "drop_outs",
-                                       "average", "reader", "most", "accept", "rejected")}},
+                     **{k: k for k in ("time_column", "rate", "time", "leave_out", *LAYOUT_KEYS, "w_min", "seed",
+                                       "drop_outs", "average", "reader", "most", "accept", "rejected")}},
             "fit": {"robust": "robust", "own": "own"}}
 # attribute that holds entries by name: their settings in the file
 _ENTRIES = {"parameters": lambda e: {k: getattr(e, k) for k in SETTING_KEYS},

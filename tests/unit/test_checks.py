@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -230,6 +231,28 @@ def test_what_is_continuous_is_said_and_stops_nothing(library, tmp_path):
     assert "zero = 0.0349" in told["zero"].mend
     hit = [t for t in frame["time"].to_numpy()[at] if any(a <= t <= b for a, b in told["outliers"].times)]
     assert len(hit) >= 18
+
+
+def test_a_robust_study_is_not_told_to_be_robust(library, tmp_path):
+    spikes = sound()["C_H"].to_numpy(copy=True)
+    spikes[::400] += 15.0
+    asked = study(tmp_path, sound().assign(C_H=spikes))
+    plain, robust = ([f for f in checked(library, s).findings if f.kind == "outliers"][0]
+                     for s in (asked, replace(asked, robust=True)))
+    assert plain.mend == "[fit]\nrobust = true" and not robust.mend
+    assert robust.text.endswith("they are weighed down")
+
+
+def test_a_shock_is_left_out_by_its_own_line_and_then_not_told(library, tmp_path):
+    frame = sound()
+    hit = np.abs(frame["time"] - frame["time"][1500]) < 0.06
+    asked = study(tmp_path, frame.assign(C_H=frame["C_H"] + 6.0 * hit))
+    shock = next(f for f in checked(library, asked).findings if f.kind == "shock")
+    text = STUDY.replace("[data]\n", f"{shock.mend}\n")
+    again = study(tmp_path, frame.assign(C_H=frame["C_H"] + 6.0 * hit), text)
+    (first, last), = again.leave_out
+    assert first < frame["time"][hit].min() and last > frame["time"][hit].max() and last - first < 0.5
+    assert not [f for f in checked(library, again).findings if f.kind in ("shock", "outliers")]
 
 
 def test_a_limit_of_a_sum_with_factors_is_compared(library, tmp_path):

@@ -30,6 +30,7 @@ drop_outs = "skip"
 most = 50_000
 rate = 500
 time = [1, 30.5]
+leave_out = [[3, 3.5], ["run3.csv", 7.0, 8.0]]
 header = true
 separator = ";"
 decimal = ","
@@ -78,6 +79,7 @@ def test_a_study_is_read_whole(study, tmp_path):
     assert found.columns["i1"] == Column("motor1.tau", "mA", 0.11)
     assert found.effects == [("viscous", "1A+2A")]
     assert (found.rate, found.time, found.header, found.robust) == (500.0, (1.0, 30.5), True, True)
+    assert found.leave_out == [[3.0, 3.5], ["run3.csv", 7.0, 8.0]]
     assert found.layout == Layout(True, ";", ",", "utf-16", 3, True)
     assert (found.accept, found.rejected) == (["sign"], ["torque_offset@motor1", "stribeck"])
     assert found.columns["theta2"] == Column("motor2.phi", "rad", gain=0.001, offset=-0.5, sign=-1)
@@ -229,6 +231,11 @@ BROKEN = {
                                   ["'t'", "rate", "keep one"]),
     "time not a span": (RIG + "[data]\ntime = [3.0]", ["time must be [first, last]", "[3.0]"]),
     "time span backwards": (RIG + "[data]\ntime = [3, 1]", ["time must be [first, last]", "[3, 1]"]),
+    "left out backwards": (RIG + "[data]\nleave_out = [[3, 1]]", ["leave_out", "[first, last]", "[3, 1]"]),
+    "left out no span": (RIG + "[data]\nleave_out = [3, 4]", ["leave_out", "[first, last]", "3"]),
+    "left out of no log": (RIG + '[data]\nruns = ["run1.csv"]\nleave_out = [["run.csv", 1, 2]]',
+                           ["leave_out", "'run.csv'", "closest: 'run1.csv'"]),
+    "left out of a mean": (RIG + '[data]\naverage = "file"\nleave_out = [[1, 2]]', ["leave_out", "average", "time ="]),
     "header not a truth": (RIG + '[data]\nheader = "no"', ["header must be true or false"]),
     "no header of another format": (RIG + '[data]\nheader = false\nreader = "bam"', ["header = false", "bam"]),
     "unknown encoding": (RIG + '[data]\nencoding = "utf16"', ["encoding = 'utf16'", "utf-16"]),

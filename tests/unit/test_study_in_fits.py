@@ -17,6 +17,7 @@ from pycosim.diagnosis.scores import Scores
 from pycosim.diagnosis.table import Table
 from pycosim.fit.least_squares import fit
 from pycosim.report.controller import changes
+from pycosim.report.sentences import summary_data
 from pycosim.study.parse import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
@@ -39,6 +40,24 @@ def dataset(tmp_path):
 
 def fitted(dataset):
     return fit(dataset, dataset.base).parameters
+
+
+@pytest.mark.parametrize("gone", [[], ["C_H", "C_K"]], ids=["with a reference", "without one"])
+def test_what_is_left_out_is_compared_nowhere_and_drives_on(dataset, log, gone):
+    frame = log.drop(columns=gone)
+    whole = dataset(frame)
+    middle = float(whole.time[np.flatnonzero(whole.moving)[200]])
+    span = [middle - 0.2, middle + 0.2]
+    hit = np.abs(frame["time"] - middle) < 0.19
+    pushed = dataset(frame.assign(tau1=frame["tau1"] + 8.0 * hit), leave_out=[span, ["other.csv", 0.0, 1e3]])
+    sound = dataset(frame, leave_out=[span])
+    view = sound.view("all")
+    used = np.concatenate([view.i, view.j0, view.j1]) if sound.paired else view
+    assert not sound.left_out[used].any() and 0 < sound.left_out.sum() < 25 and len(sound.time) == len(whole.time)
+    assert len(sound.blocks) == len(whole.blocks)
+    assert fitted(pushed) == pytest.approx(fitted(sound), rel=1e-6)
+    assert f"{sound.left_out.sum()} samples left out, as [data] leave_out says." in summary_data(sound)
+
 
 
 def distance(found, true):

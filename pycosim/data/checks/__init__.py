@@ -59,7 +59,7 @@ def check(study, library, model, logs):
     steps, raw = resolution(logs, columns)
     unwrapped, logs, _ = wrapped(logs, columns)
     in_seconds, factor = clock(study, logs)
-    found += steps + unwrapped + in_seconds + outliers(logs, columns) + copied(logs, columns)
+    found += steps + unwrapped + in_seconds + outliers(logs, columns, study) + copied(logs, columns)
     found += _Relations(study, library, model, logs, factor, raw).findings()
     return Checked(joined(ordered(found), study), list(study.accept))
 
@@ -95,7 +95,7 @@ class _Relations:
         found += rest(self.logs, self._moving(whole))
         found += self._times(state)
         if not any(f.kind in ("shift", "clock", "filtered", "stuck", "clipped") for f in found):
-            found += shocks(self.whole, self.columns, holds)
+            found += shocks(self.whole, self.columns, holds, self.study)
         found += self._zeros(state, whole)
         if not any(f.kind in ("shift", "clock", "filtered", "stuck", "clipped", "zero") for f in found):
             found += self.search.gains(state)

@@ -185,7 +185,7 @@ def joined(findings, study):
 def _line_after(line, given, held):
     """A line with what is held of its column, or the part of a log that is left of both; that is held from then on."""
     name, new = next(iter(_said(line).items()), ("", None))
-    if isinstance(new, list):  # the time that is used
+    if name == "time" and isinstance(new, list):  # the part of the logs that is used
         first, last = held.get(_SPAN, new)
         new = [max(first, new[0]), min(last, new[1])]
         if new[0] >= new[1]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 
+from ...study.toml import to_toml
 from .finding import Finding
 
 _FAR = 10.0
@@ -17,9 +18,10 @@ _SHARE = 0.02  # of the samples: more are no outliers
 _SHOCK = 12.0  # robust deviations of the residual over a tenth of a second
 _CALM = 0.3  # s to the next sample at rest, start, stop or turn
 _LONGEST = 0.5  # s that a shock lasts at most
+_ABOUT = 0.1  # s on each side that go with it: it rises before it is seen, and rings on
 
 
-def outliers(logs, columns):
+def outliers(logs, columns, study):
     """Single samples that are far off.
 
     Parameters
@@ -28,12 +30,16 @@ def outliers(logs, columns):
         As recorded, without wraps.
     columns : Columns
         Name the columns of the variables in the findings.
+    study : Study
+        Samples that it leaves out are not looked at; it may be robust already.
 
     Returns
     -------
     found : list of Finding
     """
-    found, turns = [], {log.name: starts(log) for log in logs}
+    found, turns = [], {log.name: starts(log) | study.left_out(log.name, log.time) for log in logs}
+    mend = "" if study.robust else "[fit]\nrobust = true"
+    weighed = "they are weighed down" if study.robust else "[fit] robust = true weighs them down"
     for name in sorted(set.intersection(*[set(log.signals) for log in logs])):
         times, count, total, size = [], 0, 0, 0.0
         for log in logs:
@@ -49,8 +55,8 @@ def outliers(logs, columns):
             column = columns.column(name)
             text = (f"{count} {'samples' if count > 1 else 'sample'} of {columns.of(name)} "
                     f"({100 * count / total:.2g} %) {'are' if count > 1 else 'is'} far off the neighbours, "
-                    f"by up to {size:.3g} {column.dimension if column else ''}; [fit] robust = true weighs them down")
-            found.append(Finding("outliers", text, [columns.of(name)], 0.99, mend="[fit]\nrobust = true",
+                    f"by up to {size:.3g} {column.dimension if column else ''}; {weighed}")
+            found.append(Finding("outliers", text, [columns.of(name)], 0.99, mend=mend,
                                  times=times[:50]))
     return found
 
@@ -110,7 +116,7 @@ def spikes(values):
     return at, off[at]
 
 
-def shocks(readings, columns, holds):
+def shocks(readings, columns, holds, study):
     """Short stretches that the model of the rig does not follow, though it follows the rest.
 
     Parameters
@@ -121,6 +127,8 @@ def shocks(readings, columns, holds):
         Name the columns of the variables in the findings.
     holds : list of (relation, Agreement)
         Agreement at every sample.
+    study : Study
+        Samples that it leaves out are not looked at.
 
     Returns
     -------
@@ -130,6 +138,8 @@ def shocks(readings, columns, holds):
     named = set()
     turns = np.concatenate([_about(starts(log), log.time * readings.clock)[pick]
                             for log, pick in zip(readings.logs, readings.picks)])
+    turns |= np.concatenate([study.left_out(log.name, seconds)[pick] for log, seconds, pick in zip(
+        readings.logs, readings.times, readings.picks)])
     for relation, hold in holds:
         if not hasattr(relation, "name") or relation.level or hold.residual is None:
             continue
@@ -146,15 +156,27 @@ def shocks(readings, columns, holds):
             if far.any() and far.mean() < 0.005:
                 hit |= far
                 named.add(columns.of(channel))
-    spans = []
-    for a, b in _spans(hit, run):
-        if time[b] - time[a] <= _LONGEST:
-            spans.append((float(time[a]), float(time[b])))
+    short = [(a, b) for a, b in _spans(hit, run) if time[b] - time[a] <= _LONGEST]
+    spans = [(float(time[a]), float(time[b])) for a, b in short]
     if not spans:
         return []
     text = (f"{len(spans)} {'stretch' if len(spans) == 1 else 'stretches'} of less than {_LONGEST:g} s that the model "
             f"does not follow in {', '.join(sorted(named))}, as after a shock")
-    return [Finding("shock", text, sorted(named), 0.7, times=spans[:50])]
+    names = [readings.logs[int(run[a])].name for a, _ in short]
+    return [Finding("shock", text, sorted(named), 0.7, times=spans[:50], mend=_left_out(study, names, spans))]
+
+
+def _left_out(study, names, spans):
+    """The line that leaves stretches out, beside those that are left out already."""
+    wanted = [list(item) for item in study.leave_out]
+    for name, (first, last) in zip(names, spans):
+        file = [name] if len(study.runs) + len(study.held_out) > 1 else []
+        first, last = round(first - _ABOUT, 3), round(last + _ABOUT, 3)
+        if wanted and wanted[-1][:-2] == file and wanted[-1][-2] <= first <= wanted[-1][-1]:
+            wanted[-1][-1] = last
+        else:
+            wanted.append([*file, first, last])
+    return f"[data]\nleave_out = [{', '.join(map(to_toml, wanted))}]"
 
 
 def _about(mask, time):
