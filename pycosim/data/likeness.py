@@ -18,24 +18,18 @@ WORDS = {"rad": {"theta", "phi", "angle", "pos", "position", "enc", "encoder", "
          "s": {"time", "t", "timestamp", "zeit", "temps", "seconds", "elapsed", "millis"}}
 PLAIN_WORDS = {"measured", "meas", "act", "actual", "ist", "raw", "value", "sensor"}
 """Words of a column's name that change nothing; any other one may, as `desired` or `joint` do."""
-SUFFIXES = ("deg", "rad", "rpm", "N.m", "mN.m", "ms", "us")
+SUFFIXES = ("deg", "rad", "rpm", "rad/s", "deg/s", "rev/s", "N.m", "mN.m", "ms", "us")
 """Units that a name may end with behind an underscore; shorter ones might be something else."""
 
 
-def _bare(name):
-    """A column's name without its unit."""
-    bare = re.sub(r"\s*[\[(].*?[\])]\s*", " ", name).strip()
-    return bare.rpartition("_")[0] if _ending(bare) else bare
-
-
-def _ending(bare):
-    """Unit behind the last underscore or stroke of a name, or None."""
+def _parted(name):
+    """A name, and the unit behind its last underscore or stroke, or None."""
     for mark, known in (("_", SUFFIXES), ("/", None)):
-        text = bare.rpartition(mark)[2] if mark in bare else ""
-        unit = _unit(text)
+        before, _, text = name.rpartition(mark)
+        unit = _unit(text) if before else None
         if unit and (known is None or unit in known):
-            return unit
-    return None
+            return before, unit
+    return name, None
 
 
 def _unit(text):
@@ -61,8 +55,50 @@ def stated(seen, name):
     -------
     str or None
     """
+    return _unit(seen.units.get(name, "").strip("[]()")) or named_unit(name)
+
+
+def named_unit(name):
+    """Unit that a column's name states.
+
+    Parameters
+    ----------
+    name : str
+        Of the column, as the log's header has it.
+
+    Returns
+    -------
+    str or None
+        As a study writes it.
+
+    Examples
+    --------
+    >>> named_unit("torque (mNm)")
+    'mN.m'
+    """
     inside = re.findall(r"[\[(](.*?)[\])]", name)
-    return _unit(seen.units.get(name, "").strip("[]()")) or (_unit(inside[-1]) if inside else _ending(name))
+    return _unit(inside[-1]) if inside else _parted(name)[1]
+
+
+def bare(name):
+    """A column's name without its unit.
+
+    Parameters
+    ----------
+    name : str
+        Of the column, as the log's header has it.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> bare("theta1 [deg]")
+    'theta1'
+    """
+    text = re.sub(r"\s*[\[(].*?[\])]\s*", " ", name).strip()
+    return _parted(text)[0]
 
 
 def words(name):
@@ -83,11 +119,11 @@ def words(name):
     >>> sorted(words("Motor 1 torque [Nm]"))
     ['motor', 'torque']
     """
-    return {w.lower() for w in re.findall(r"[^\W\d_]+", _bare(name))}
+    return {w.lower() for w in re.findall(r"[^\W\d_]+", bare(name))}
 
 
 def _number(name):
-    digits = re.findall(r"\d+", _bare(name))
+    digits = re.findall(r"\d+", bare(name))
     return digits[-1] if digits else ""
 
 
@@ -113,10 +149,10 @@ def likeness(name, told, variable, unit, model):
     dimension = known_unit(told)[0] if told else None
     if dimension not in (None, unit) and not (dimension == "A" and variable.endswith(".tau")):
         return 0.0
-    bare = _bare(name)
-    if bare == variable:
+    plain = bare(name)
+    if plain == variable:
         return 4.0
-    if re.sub(r"\W|_", "", bare).lower() == re.sub(r"\W|_", "", variable).lower():
+    if re.sub(r"\W|_", "", plain).lower() == re.sub(r"\W|_", "", variable).lower():
         return 3.0
     component = variable.rpartition(".")[0]
     if _number(name) != _number(component):
@@ -131,4 +167,4 @@ def likeness(name, told, variable, unit, model):
         flat = model.variables.get(variable)
         described = set(re.findall(r"\w+", flat.description.lower())) if flat else set()
         return 1.5 if rest <= described else 0.0
-    return 2.0 if place and place in bare.lower() else 1.0
+    return 2.0 if place and place in plain.lower() else 1.0

@@ -12,6 +12,7 @@ import numpy as np
 from ..core.errors import DataError, closest
 from .chunks import Gathered
 from .frames import Frame
+from .likeness import bare, named_unit
 from .readers import read_parts
 
 SLOWEST, FASTEST = 10.0, 1e-6
@@ -238,8 +239,9 @@ def _check_columns(path, table, study, used):
         raise DataError(f"{path}: holds none of the study's columns {', '.join(study.columns)}; "
                         f"it has {', '.join(table.header)}")
     for name in study.columns:
-        # a column may be missing, but hardly when another one differs by case or blanks alone
-        twin = [h for h in table.header if h not in study.columns and h.strip().lower() == name.lower()]
+        # a column may be missing, but hardly when another one differs by case, blanks or a unit alone
+        twin = [h for h in table.header if h not in study.columns and h != study.time_column
+                and name.lower() in {h.strip().lower(), *([bare(h).lower()] if named_unit(h) else [])}]
         if name not in table.columns and twin:
             raise DataError(f"{path}: no column '{name}'; closest: '{twin[0]}'; rename one of the two")
 

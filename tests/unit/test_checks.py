@@ -255,6 +255,19 @@ def test_a_shock_is_left_out_by_its_own_line_and_then_not_told(library, tmp_path
     assert not [f for f in checked(library, again).findings if f.kind in ("shock", "outliers")]
 
 
+def test_a_unit_in_the_name_of_a_column_that_the_study_contradicts_is_told(library, tmp_path):
+    names = {"theta1": "theta1 [deg]", "tau1": "tau1 (mN.m)", "tau2": "tau2 [A]", "omega1": "omega1_rad/s",
+             "C_H": "C_H [Nm]", "omega2": "omega2 [rpm]"}
+    text = re.sub(r"(?m)^(\w+) = \{ variable", lambda m: f'"{names.get(m[1], m[1])}" = {{ variable', STUDY)
+    text = text.replace('"motor2.w", unit = "rad/s"', '"motor2.w", unit = "rad/s", gain = 1.0000001')  # converted there
+    asked = study(tmp_path, sound().rename(columns=names), text)
+    found = [f for f in checked(library, asked).findings if f.kind == "unit"]
+    assert {f.columns[0]: f.blocks for f in found} == {"theta1 [deg]": True, "tau1 (mN.m)": True, "tau2 [A]": False}
+    assert found[0].mend == '"theta1 [deg]" = { variable = "motor1.phi", unit = "deg" }'
+    assert found[0].text == "theta1 [deg] has deg in its name, and the study says rad"
+    assert 'unit = "mN.m"' in found[1].mend and 'unit = "A", k_m = 0.1' in found[2].mend and "?" in found[2].text
+
+
 def test_a_limit_of_a_sum_with_factors_is_compared(library, tmp_path):
     frame = sound()
     gap = float((0.5 * frame["theta1"] - frame["q_K"]).max())

@@ -151,6 +151,8 @@ REFUSED = {
     "none of ours": (frame().rename(columns={"theta1": "a", "tau1": "b"}),
                      ["none of the study's columns", "it has time, a, b"]),
     "other case": (frame().rename(columns={"tau1": "Tau1"}), ["no column 'tau1'", "closest: 'Tau1'"]),
+    "a unit in the name": (frame().rename(columns={"tau1": "tau1 [mNm]"}),
+                           ["no column 'tau1'", "closest: 'tau1 [mNm]'"]),
     "dead torque": (frame(C_H=0.0), ["'C_H'", "exactly zero"]),
     "no motion": (frame().assign(theta1=1.0), ["nothing moves", "theta1"]),
     "column without numbers": (frame(C_H=np.nan), ["'C_H'", "no number at all"]),

@@ -15,6 +15,7 @@ from .changes import Columns
 from .clipped import clipped
 from .finding import DISCRETE, FACTS, KINDS, Checked, Finding, joined, ordered
 from .limits import limits
+from .named import named
 from .outliers import outliers, shocks
 from .readings import Readings, Source
 from .relations import ModelRelation, relations
@@ -61,6 +62,7 @@ def check(study, library, model, logs):
     in_seconds, factor = clock(study, logs)
     found += steps + unwrapped + in_seconds + outliers(logs, columns, study) + copied(logs, columns)
     found += _Relations(study, library, model, logs, factor, raw).findings()
+    found += named(study, logs, found)
     return Checked(joined(ordered(found), study), list(study.accept))
 
 
