@@ -1,6 +1,7 @@
 """Errors of pycosim: one sentence that says what is wrong, where, and what to do."""
 
 import difflib
+from pathlib import Path
 
 
 class PycosimError(Exception):
@@ -75,3 +76,28 @@ def closest(name, known):
     if 0 < len(known) <= 25:
         return "; known: " + ", ".join(known)
     return ""
+
+
+def closest_file(path, endings):
+    """Return a clause that names the file beside a missing one whose name is nearest.
+
+    Parameters
+    ----------
+    path : path
+        What was asked for.
+    endings : collection of str
+        Of the files that would do beside those with its own, as ``.csv``; what the names share beyond it counts.
+
+    Returns
+    -------
+    str
+        ``"; closest: 'x.csv'"``, or nothing where no name is near.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        return ""
+    endings = {path.suffix.lower(), *endings}
+    beside = {p.stem.lower(): p.name for p in sorted(path.parent.iterdir())
+              if p.suffix.lower() in endings and p.is_file()}
+    near = difflib.get_close_matches(path.stem.lower(), beside, n=1, cutoff=0.5)
+    return f"; closest: '{beside[near[0]]}'" if near else ""

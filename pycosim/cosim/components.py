@@ -18,7 +18,7 @@ import numpy as np
 from ..compile import shared_library
 from ..control import controllers, trajectories
 from ..core import cache
-from ..core.errors import CosimulationError, PycosimError, ScenarioError, UnknownNameError, closest
+from ..core.errors import CosimulationError, PycosimError, ScenarioError, UnknownNameError, closest, closest_file
 from ..core.extras import extra
 from ..dynamics.simulate import dynamics
 from ..dynamics.stepping import in_parts, watched
@@ -499,7 +499,7 @@ def make_component(scenario, c, library, stack, allowed):
     if c.kind == "fmu":
         path = scenario.beside(c.what)
         if not path.is_file():
-            raise CosimulationError(f"no FMU {path}{closest(path.name, [p.name for p in path.parent.glob('*.fmu')])}")
+            raise CosimulationError(f"no FMU {path}{closest_file(path, ('.fmu',))}")
         return _Fmu(c, path, stack)
     if c.kind == "python":
         return _Python(c, scenario, allowed)

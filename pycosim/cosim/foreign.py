@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import CosimulationError, closest
+from ..core.errors import CosimulationError, closest, closest_file
 from ..core.units import Variable
 
 _REAL = ("Real", "Float64")
@@ -56,6 +56,8 @@ class ForeignFmu:
 
     def __init__(self, path):
         import fmpy
+        if not Path(path).exists():
+            raise CosimulationError(f"no FMU {path}{closest_file(path, ('.fmu',))}; name a file of FMI 2 or 3")
         self.path, self.messages, self.slave = Path(path), [], None
         self.folder = tempfile.mkdtemp(prefix="pycosim-fmu-")
         try:

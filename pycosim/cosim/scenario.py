@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 
-from ..core.errors import ScenarioError, closest
+from ..core.errors import ScenarioError, closest, closest_file
 from ..study.parse import Source
 from ..study.toml import to_toml
 
@@ -151,7 +151,7 @@ class _File(Source):
 
     def __init__(self, path):
         if not Path(path).is_file():
-            near = closest(Path(path).name, [p.name for p in Path(path).absolute().parent.glob("*.toml")])
+            near = closest_file(Path(path).absolute(), (".toml",))
             raise ScenarioError(f"no scenario {path}{near}; examples/cosim has some to start from")
         super().__init__(path)
 

@@ -77,6 +77,7 @@ class Frame:
         if text:
             return column.astype(object).where(column.notna(), "").to_numpy(dtype=str)
         if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
+            how = "(t - t.iloc[0]).dt.total_seconds()" if column.dtype.kind in "mM" else "pandas.to_numeric"
             raise DataError(f"{self.name}, column '{name}': holds {column.dtype}, not numbers; "
-                            "convert it first, as with pandas.to_numeric")
+                            f"convert it first, as with {how}")
         return column.to_numpy(dtype=float, na_value=np.nan)

@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 
 from ..core import units
-from ..core.errors import BoundsError, StudyError, closest
+from ..core.errors import BoundsError, StudyError, closest, closest_file
 from .layout import DECIMALS, ENCODINGS, PLAIN, SEPARATORS, Layout
 from .schema import (
     COLUMN_KEYS,
@@ -20,6 +20,7 @@ from .schema import (
     FINDINGS,
     FIT_KEYS,
     LIMIT_KEYS,
+    LOG_ENDINGS,
     MOST,
     READERS,
     REFERENCES,
@@ -54,9 +55,10 @@ class Source:
         try:
             self.text = self.path.read_text(encoding="utf-8-sig")  # with or without the mark that some editors set
         except FileNotFoundError:
-            near = closest(self.path.name, [p.name for p in self.path.parent.glob("*.toml")])
+            near = closest_file(self.path, (".toml",))
             raise StudyError(f"no study {path}{near}; 'pycosim new' writes one to start from") from None
         except UnicodeDecodeError as error:
+            self._refuse_log(path)
             raise StudyError(f"{self.path}: is not text in UTF-8 (byte {error.start + 1}), as a study is; save it so, "
                              "or let 'pycosim new' write one") from None
         except OSError as error:
@@ -64,7 +66,14 @@ class Source:
         try:
             self.tables = tomllib.loads(self.text)
         except tomllib.TOMLDecodeError as error:
+            self._refuse_log(path)
             raise StudyError(f"{path}: not valid TOML: {error}") from None
+
+    def _refuse_log(self, path):
+        """Say of a log that it is one."""
+        if self.path.suffix.lower() in LOG_ENDINGS:
+            raise StudyError(f"{path} is a log, not a study; give it with --data, behind a study: 'pycosim improve "
+                             f"study.toml --data {path}', where 'pycosim new --data {path}' writes the study")
 
     def error(self, where, message, key="", kind=StudyError):
         """An error that names file, line of the key, and place in the file.

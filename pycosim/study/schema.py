@@ -19,6 +19,8 @@ from .toml import to_toml
 REFERENCES = ("sensor", "gravity_model", "unknown")
 DROP_OUTS = ("refuse", "skip")
 READERS = ("bam", "epos")
+LOG_ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".parquet", ".pq", ".mat", ".mcap", ".mf4", ".mdf")
+"""Of files that are read as logs unless [data] reader says more."""
 FINDINGS = ("sign", "swap", "scale", "unit", "shift", "clock", "wrap", "clipped", "stuck", "outliers", "shock",
             "filtered", "zero", "limits", "resolution", "rest", "rate")
 """Kinds of what the data check finds, that a study can accept."""

@@ -143,6 +143,10 @@ def test_a_study_of_another_encoding_is_refused_in_words_and_a_byte_order_mark_i
 def test_a_log_that_is_not_there_is_refused(here, capsys):
     (here / "study.toml").write_text(STUDY)
     refused(here, capsys, "no log", data=("gone.csv",))
+    (here / "run.csv").write_text("time\n1\n")
+    assert main(["identify", "study.toml", "--data", "nope.csv"]) == 2
+    assert "closest" not in capsys.readouterr().err
+    refused(here, capsys, "closest: 'run.csv'", data=("rum.csv",))
     refused(here, capsys, "is a folder", data=(".",))
     refused(here, capsys, "no logs to fit", data=())
     (here / "log.doc").write_text("time\n1\n")
@@ -213,6 +217,19 @@ def test_no_study_is_refused(here, capsys):
     (here / "study.toml").write_text(STUDY)
     refused(here, capsys, "closest: 'study.toml'", study="studi.toml")
     refused(here, capsys, "cannot be read as a study", study=".")
+
+
+def test_a_log_in_the_place_of_a_study_is_told_as_that(whole, here, capsys):
+    whole.to_csv(here / "run.csv", index=False)
+    refused(here, capsys, "run.csv is a log, not a study; give it with --data", "improve", study="run.csv", data=())
+    (here / "run.mat").write_bytes(b"\xff\xfe\x00")
+    refused(here, capsys, "run.mat is a log, not a study", study="run.mat", data=())
+
+
+def test_an_fmu_that_is_not_there_is_refused(whole, here, capsys):
+    (here / "study.toml").write_text(STUDY)
+    whole.to_csv(here / "log.csv", index=False)
+    refused(here, capsys, "no FMU nope.fmu; name a file of FMI 2 or 3", "identify", "--fmu", "nope.fmu")
 
 
 @pytest.mark.parametrize("effect, told", [

@@ -13,8 +13,10 @@ from scipy.io import savemat
 
 from pycosim.core.errors import DataError
 from pycosim.data.derivatives import derivatives, resolution
+from pycosim.data.frames import Frame
 from pycosim.data.logs import load, read_log, require
-from pycosim.study.schema import Column, Study
+from pycosim.data.readers import READERS
+from pycosim.study.schema import LOG_ENDINGS, Column, Study
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 COLUMNS = {"theta1": Column("motor1.phi", "rad"), "tau1": Column("motor1.tau", "N.m"),
@@ -139,6 +141,8 @@ REFUSED = {
     "blank line within": (lines(lambda x: x[:7] + [""] + x[7:]), ["row 8", "1 fields"]),
     "ragged with quotes": (lines(lambda x: ['time,"theta1",tau1', *x[1:6], x[6] + ",1"]), ["row 7", "4 fields"]),
     "text": (cell(9, "tau1", "overload"), ["row 9", "'tau1'", "'overload' is not a number"]),
+    "dates": (frame().astype(object).assign(time=[f"2026-03-01T12:00:{k:02}.005" for k in range(40)]),
+              ["row 2", "is not a number but a date", "rate = 500"]),
     "decimal comma": (cell(9, "tau1", "0,5"), ["row 9", "'0,5'", "decimal point"]),
     "semicolons": (frame().to_csv(index=False, sep=";"), ["semicolons", 'in the study: [data] separator = ";"']),
     "tabs": (frame().to_csv(index=False, sep="\t"), ["tabs", r'[data] separator = "\t"']),
@@ -172,6 +176,20 @@ def test_a_log_that_would_mislead_is_refused_with_its_place(read, case):
     assert "run.csv" in str(caught.value) and "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
+
+
+def test_dates_of_other_formats_are_no_nanoseconds(tmp_path, read):
+    dated = frame().assign(time=pd.date_range("2026-03-01", periods=40, freq="10ms"))
+    dated.to_parquet(tmp_path / "run.parquet")
+    study = make_study(tmp_path)
+    with pytest.raises(DataError, match="column 'time': holds datetime64.*not numbers but a date.*; write seconds"):
+        read_log(tmp_path / "run.parquet", study)
+    with pytest.raises(DataError, match=r"holds datetime64.*dt.total_seconds"):
+        read_log(Frame("table", dated), study)
+
+
+def test_the_endings_of_logs_are_those_that_there_are_readers_for():
+    assert set(LOG_ENDINGS) == {ending for ending in READERS if ending.startswith(".")}
 
 
 def test_what_is_not_a_file_is_refused(tmp_path, read):

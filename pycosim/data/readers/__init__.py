@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import codecs
 import importlib
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from ...core.errors import DataError, StudyError, closest
+from ...core.errors import DataError, StudyError, closest, closest_file
 from ...study.layout import PLAIN
 
 # name in `[data] reader`, or ending of the file: module with `read(path, wanted, text) -> Table`, or, where a file may
@@ -19,6 +20,8 @@ READERS = {"bam": "bam", "epos": "epos", ".csv": "comma", ".txt": "comma", ".tsv
            ".mf4": "mdf", ".mdf": "mdf"}
 
 
+_DATED = (" but a date or a time of day; write seconds since the first row there, or say the rows a second instead: "
+          '[data] rate = 500, time_column = ""')
 BLOCK = 2**22
 """Bytes of text that are held at a time."""
 
@@ -105,8 +108,7 @@ def refuse_no_file(path):
     if path.is_dir():
         raise DataError(f"{path}: is a folder; name the files in it")
     if not path.exists():
-        near = closest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
-        raise DataError(f"no log {path}{near if 'closest' in near else ''}")
+        raise DataError(f"no log {path}{closest_file(path, READERS)}")
     try:
         if path.stat().st_size == 0:
             raise DataError(f"{path}: the file is empty")
@@ -214,6 +216,23 @@ def optional(path, package, module, kind, extra):
                         f"pip install 'pycosim-drivetrain[{extra}]'") from None
 
 
+def dated(cell):
+    """What to do about a cell that holds a date, as the end of a sentence; nothing for any other cell.
+
+    Parameters
+    ----------
+    cell : str
+        As in the file.
+
+    Returns
+    -------
+    str
+    """
+    if not re.match(r"\d{4}-\d\d-\d\d|\d\d?[./]\d\d?[./]\d{4}|\d\d?:\d\d:\d\d", cell):
+        return ""
+    return _DATED
+
+
 def numbers(path, name, values):
     """A column as floats.
 
@@ -239,11 +258,14 @@ def numbers(path, name, values):
     if values.ndim != 1:
         shape = " x ".join(map(str, values.shape)) or "a single value"
         raise DataError(f"{path}, column '{name}': holds {shape}, not one number a sample")
+    if values.dtype.kind in "mM":
+        raise DataError(f"{path}, column '{name}': holds {values.dtype}, not a number{_DATED}")
     if values.dtype.kind in "iuf":
         return values.astype(float)
     for k, value in enumerate(values.tolist(), 1):
         if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float))):
-            raise DataError(f"{path}, column '{name}': holds '{str(value)[:40]}' in sample {k}, not a number")
+            raise DataError(f"{path}, column '{name}': holds '{str(value)[:40]}' in sample {k}, not a number"
+                            f"{dated(str(value))}")
     return np.array([np.nan if v is None else v for v in values.tolist()], dtype=float)
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from ...core.errors import DataError
 from ...study.layout import PLAIN
-from . import Table, text_blocks
+from . import Table, dated, text_blocks
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "<na>", "#n/a", "inf", "-inf", "+inf", "infinity", "-infinity"}
 """Cells that stand for no number, in small letters."""
@@ -200,7 +200,7 @@ def _offender(path, frame, names, first, error, layout):
     if not found:
         return DataError(f"{path}: cannot be read as numbers ({error})")
     row, name, cell = min(found)
-    hint = ""
+    hint = dated(cell)
     if layout.decimal == "." and cell.replace(",", "", 1).lstrip("+-").isdigit():
         hint = '; use a decimal point' + (', or [data] decimal = ","' if layout.separator != "," else "")
     if first + row == 1 and not layout.header:

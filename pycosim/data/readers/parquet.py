@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ...core.errors import DataError
-from . import Table, optional
+from . import Table, dated, optional
 
 _ROWS = 2**17  # held at a time
 
@@ -56,6 +56,7 @@ def _tables(path, parquet, header, used, text):
 
 def _numbers(path, name, column, row):
     if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
-        raise DataError(f"{path}, column '{name}': holds {column.dtype}, not numbers"
-                        + (f", as '{str(column.iloc[0])[:40]}' in row {row}" if len(column) else ""))
+        cell = str(column.iloc[0])[:40] if len(column) else ""
+        raise DataError(f"{path}, column '{name}': holds {column.dtype}, "
+                        + (f"as '{cell}' in row {row}, not numbers{dated(cell)}" if cell else "not numbers"))
     return column.to_numpy(dtype=float, na_value=np.nan)
