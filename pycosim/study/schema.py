@@ -528,7 +528,7 @@ def check_limit(study, name, known):
     for _, variable in limit_terms(name):
         if variable not in known and variable not in rates:
             raise UnknownNameError(f"{study.path}: [limits] '{name}': no variable '{variable}' in {study.rig}"
-                                   f"{closest(variable, [*known, *sorted(rates)])}; name one of the rig's there")
+                                   f"{closest(variable, [*known, *sorted(rates)])}")
 
 
 def limit_terms(name):

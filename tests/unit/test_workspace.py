@@ -123,8 +123,10 @@ def test_stops_that_contradict_each_other_are_named(hip_knee):
 
 
 def test_a_limit_of_nothing_names_the_nearest(hip_knee):
-    with pytest.raises(UnknownNameError, match="no angle 'q_Hip' of a joint or motor; closest: 'q_H'"):
+    with pytest.raises(UnknownNameError, match="no variable 'q_Hip' in DriveTrain.Rigs.HipKnee; closest: 'q_H'"):
         limits_with(hip_knee, q_Hip=(0.0, 1.0))
+    with pytest.raises(UnknownNameError, match="no angle 'C_H' of a joint or motor; closest: 'q_H'"):
+        limits_with(hip_knee, C_H=(0.0, 1.0))
 
 
 def test_a_motor_that_may_not_stand_still_is_refused(hip_knee):
