@@ -53,6 +53,8 @@ class Dataset:
         Samples that the study leaves out: they are recorded, drive states, and count as not moving.
     speed_unit : str
         Of the segments' speeds.
+    own_travel : bool
+        Whether what is off after turns is the travel of the rig's own friction.
     w_min : float
         Speed above which a segment moves, of the segment where that is highest.
     block : ndarray of int, shape (n,)
@@ -340,6 +342,7 @@ class Dataset:
             moved = self.segment_signals(self.base, parameters, names, states,
                                          {**self.signals, rate: self.signals[rate] + spread})
             noise += np.median((np.array(list(moved.values())) - self.speeds)**2, axis=1)
+        self.own_travel = False
         least, angles = self.study.w_min, [k for k in self.known if k.endswith("phi") and k in self.measured]
         if self.averaged:
             least = least or segmentation.SLOW * np.min(np.abs(self.speeds), axis=1, where=self.speeds != 0,
@@ -349,7 +352,8 @@ class Dataset:
         else:
             usual, slowest = ([least, least] if least else [segmentation.default_w_min(
                 self.speeds, noise=np.sqrt(noise), share=share) for share in (segmentation.SLOW, segmentation.SLOWEST)])
-            self.moving, self.passes, least = turns.compared(self, parameters, usual, slowest, angles)
+            self.moving, self.passes, least, self.own_travel = turns.compared(
+                self, parameters, usual, slowest, angles)
         self.w_min = float(np.max(least))
         self.config = np.array([self.measured[k] for k in angles]) if angles else np.cumsum(self.speeds[:1], axis=1)
         if not self.moving.any():

@@ -26,7 +26,7 @@ EXPLAINED = 0.95
 presliding leaves 10 to 25 %, a delay or a filter 25 to 75 %."""
 PART = 0.25
 """The same where something else is off there too: then it must be better than any other travel, delay or filter."""
-TIMES, LATE, LAGS = (0.25, 0.5, 2.0, LONGER, 3 * LONGER), (1, 2, 3, 4, 6, 8, 12, 16), (2, 4, 8)
+TIMES, LATE, LAGS = (0.25, 0.6, 1.6, LONGER, 3 * LONGER), (1, 2, 3, 4, 6, 8, 12, 16), (2, 4, 8)
 """Travels, over the model's own, delays and time constants of filters [samples] that it is compared with."""
 SEEN = 2.0  # times the squared noise, from which something is off at all
 OFF, TRIMMED, FEW = 10.0, 0.1, 4
@@ -115,19 +115,22 @@ def compared(dataset, parameters, least, slowest, angles):
         -1 where nothing moves.
     least : ndarray, shape (segments,)
         The speeds that were taken.
+    at_work : bool
+        Whether what is off after turns is the machine's own travel: no other of about its length can be told beside it.
     """
     moving, passes = _cut(dataset, least, angles)
     if not dataset.base.segments:
-        return moving, passes, least
+        return moving, passes, least, False
     travel, at_work = _Travel(dataset, parameters), False
     if np.any(slowest < least):  # there a travel is told from a delay best
         slow, ways = _cut(dataset, slowest, [n for n in angles if not dataset.motion.told_by_speed(n)])
         at_work = travel.seen(slow, ways).any()
         if not at_work and off(travel.errors[travel.forces], moving, ways, dataset.time):
-            return slow, ways, slowest
-    if at_work or travel.seen(moving, passes).any():
+            return slow, ways, slowest, False
+    at_work = at_work or travel.seen(moving, passes).any()
+    if at_work:
         moving = moving & ~np.any(np.abs(travel.miss) > BUILT_UP, axis=0)
-    return moving, np.where(moving, passes, -1), least
+    return moving, np.where(moving, passes, -1), least, bool(at_work)
 
 
 def _cut(dataset, least, angles):

@@ -16,6 +16,9 @@ true one beside a second: then the search goes on, and both are believed togethe
 DROWNED = 4.0
 """The same of an effect that cannot be mistaken for a law of that variable. Beside something so much larger any signal
 catches a little; the delay and the ripple of the ball screw EMPS leave 1.1 and 1.3 times what they take."""
+MOST, AS_SMALL = 0.5, 1.5
+"""Of the squared error of a channel, that an effect leaves which takes most of it; squared error of held-out passes
+over that of fitted ones, up to which one is as small as the other: slow noise differs by as much from pass to pass."""
 HELD_OUT = "the held-out part"
 
 
@@ -30,10 +33,21 @@ def rises(before, after):
     Returns
     -------
     dict of str to float
-        By channel; negative where it lowers them, empty without a held-out part.
+        By channel; negative where it lowers them, empty without a held-out part, or where that has nothing to say.
     """
+    if after["test"] and _as_small(before, after):
+        return {}
     return {c: (after["test"][c] ** 2 - before["test"][c] ** 2) / max(before["fit"][c] ** 2, 1e-300)
             for c in after["test"]}
+
+
+def _as_small(before, after):
+    """Whether an effect takes most of the error where it was fitted, and what is left elsewhere is as small.
+
+    One held-out pass may be as near to a wrong model as to a right one, by chance.
+    """
+    fitted, left, unseen = (np.array(list(e.values())) ** 2 for e in (before["fit"], after["fit"], after["test"]))
+    return bool(np.all(unseen <= AS_SMALL * left) and (left / fitted).min() < MOST)
 
 
 def beyond(risen, without):

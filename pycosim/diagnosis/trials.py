@@ -17,6 +17,8 @@ from .scores import LEVEL, PRESSED
 
 REFITS = 10
 BETWEEN = "over within a sample or two, so that they do not show it"
+OWN, SIMILAR = "what the model's own travel does after turns", 2.0
+"""Said of a travel less than so many times the rig's own, where that is at work."""
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -188,21 +190,24 @@ def _refit(dataset, model, fit, scores, finding, alone, table):
     finding.fit = min(fits, key=lambda f: _cost(f, alone.usual))
     finding.selection = select(dataset, larger, finding.fit, scores.single, alone)
     measure(finding, larger, larger.attached[-1], table)
-    if _between_samples(dataset, larger.attached[-1], finding.fit):
-        finding.refused = BETWEEN
+    finding.refused = _no_effect(dataset, larger.attached[-1], finding.fit)
     return True
 
 
-def _between_samples(dataset, attached, fit):
-    """Whether what was fitted is over within a sample or two: it is what straight lines between them miss, or nothing.
+def _no_effect(dataset, attached, fit):
+    """Why what was fitted is no effect, in words; None where nothing speaks against it.
 
-    A filter that is done within half a sample, a travel that is passed within two at the least speed: as much is left
-    at a start where a torque was moved by a part of a sample.
+    A filter that is done within half a sample, or a travel that is passed within two at the least speed, is what
+    straight lines between samples miss: as much is left at a start where a torque was moved by a part of a sample.
+    Where the rig's own travel is at work, one of about that length is no other.
     """
-    step = _step(dataset)
-    least = {"lag": step / 2, "travel": 2 * step * dataset.w_min}
-    own = {kind: fit.parameters[f"{component_name(*attached)}.{c}"] for c, kind in attached[0].scan.items()}
-    return any(own[kind] < least[kind] for kind in own if kind in least)
+    effect, place = attached
+    own = {kind: fit.parameters[f"{component_name(*attached)}.{c}"] for c, kind in effect.scan.items()}
+    least = {"lag": _step(dataset) / 2, "travel": 2 * _step(dataset) * dataset.w_min}
+    if any(own[kind] < least[kind] for kind in own if kind in least):
+        return BETWEEN
+    travels = [fit.parameters[f"{c}.travel"] for c in place.components if f"{c}.travel" in fit.parameters]
+    return OWN if dataset.own_travel and own.get("travel", np.inf) < SIMILAR * max(travels, default=0.0) else None
 
 
 def _step(dataset):

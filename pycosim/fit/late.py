@@ -8,6 +8,8 @@ with the other parameters where they then leave least.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..compile import component_name
@@ -18,9 +20,28 @@ NEAR = 6  # samples either way of where it is known to be
 END = 0.05  # of the bounds' range, at either end, where the likelihood of what is no delay still grows
 MOST = 15000  # samples that delays are tried on
 PRESSED = 3.84  # fall of twice the log-likelihood at the ends of a 95 % interval
+RULED = 10.0  # times that fall, beyond which a delay is ruled out: over six standard errors
+OUTWARD = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, REACH)  # samples off, at which that is asked
 ROUNDS = 5
 SMOOTH = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 """Over half samples: each delay meets the noise of a jump with that of other samples, and what it leaves is rugged."""
+
+
+class Ends(NamedTuple):
+    """What the likelihood says of a delay [s].
+
+    Attributes
+    ----------
+    low, high : float
+        Of the 95 % interval.
+    least, most : float
+        Beyond which a delay is ruled out, however straight the rest of the model is taken.
+    """
+
+    low: float
+    high: float
+    least: float
+    most: float
 
 
 def delays(model):
@@ -79,7 +100,7 @@ def found(dataset, model, fit, names, part, known, again):
             nearest = profile.least()
             if abs(nearest - profile.at) <= step:
                 break
-        fit.profiles[name] = profile.interval()
+        fit.profiles[name] = Ends(*profile.interval(), *profile.ruled_out())
     return fit
 
 
@@ -195,3 +216,20 @@ class Profile:
         some, left, rugged = self._smoothed()
         inside = some[left <= np.min(left, initial=np.inf) + PRESSED + 2 * rugged]
         return float(min(self.at, *inside[:1])), float(max(self.at, *inside[-1:]))
+
+    def ruled_out(self):
+        """The nearest delays either way that the likelihood rules out; bounds, where it rules out none.
+
+        Returns
+        -------
+        (float, float)
+            [s]
+        """
+        _, left, rugged = self._smoothed()
+        most = min(np.min(left, initial=np.inf), self.left(self.at)) + RULED * (PRESSED + 2 * rugged)
+        ends = []
+        for sign, bound in ((-1.0, self.low), (1.0, self.high)):
+            tried = [self.at + sign * n * self.step for n in OUTWARD]
+            inside = [d for d in tried if self.low < d < self.high]
+            ends.append(next((d for d in inside if self.left(d) > most), bound))
+        return ends[0], ends[1]

@@ -62,8 +62,8 @@ class Fit:
     apart : dict of str to float
         Values that the data rule out although an interval, which takes the model as straight, reaches beyond them: of a
         product, one factor may have any size but none at all. Intervals end there.
-    profiles : dict of str to (float, float)
-        Of delays, ends of the 95 % interval by the likelihood, which has no parabola where a torque jumps; see `late`.
+    profiles : dict of str to pycosim.fit.late.Ends
+        Of delays, what the likelihood says of them, which has no parabola where a torque jumps.
     """
 
     parameters: dict
@@ -159,8 +159,9 @@ class Fit:
         low, high = min(low, self.values[k]), max(high, self.values[k])
         if name in self.profiles:
             grown = stdtrit(self.dof, 0.5 + level / 2) / stdtrit(self.dof, 0.975)
-            ends = [self.values[k] + grown * (end - self.values[k]) for end in self.profiles[name]]
-            low, high = min(low, ends[0]), max(high, ends[1])
+            told = self.profiles[name]
+            ends = [self.values[k] + grown * (end - self.values[k]) for end in (told.low, told.high)]
+            low, high = max(min(low, ends[0]), told.least), min(max(high, ends[1]), told.most)
         return self._cut(name, float(max(low, v.min)), float(min(high, v.max)))
 
     def _cut(self, name, low, high):
