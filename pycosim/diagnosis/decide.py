@@ -196,11 +196,6 @@ def _decide(findings, rivals, base, refines, steady):
     if not constant and "raw" in behind(best.selection, largest.selection):  # what is slow is missing too
         other = _considered(rivals, earned, largest, base, refines, steady)
         best, others, constant = other if other[2] else (best, others, constant)
-    equal = [f for f in earned if f.effect != best.effect and parameters[f.key] <= parameters[best.key]
-             and "raw" not in behind(f.selection, best.selection)]
-    if not constant and equal:  # its coefficient differs, and the plain error does not tell it from a simpler one
-        other = _considered(rivals, earned, equal[0], base, refines, steady)
-        best, others, constant = other if other[2] else (best, others, constant)
     findings.remove(best)
     findings.insert(0, best)
     for other in by_kind(others):

@@ -126,6 +126,7 @@ def explanations(dataset, model, fit, problem_index):
     if not dataset.averaged:
         found["time"] = dataset.time
         found["time_since_reversal"] = time_since_reversal(dataset)
+        found["run"] = dataset.run.astype(float)
     segments, angles = model.segments, []
     signals = dataset.segment_signals(model, fit.parameters, [f"{c}.{v}" for c in segments for v in ("w", "L", "phi")],
                                       None, dataset.exogenous())

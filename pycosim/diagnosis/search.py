@@ -262,7 +262,7 @@ def improve(dataset, model=None, seed=0, progress=None):
         steps, last = _grow(dataset, steps, last, seed, progress)
         seen.append({s.added for s in steps})
         revised = _revised(dataset, steps, last.noise, seed, progress, without)
-        if revised is None:
+        if revised is None and last.verdict == "unexplained":
             revised = _exchanged(dataset, steps, last.noise, seed, progress)
         revised = revised or _spared(dataset, steps, last.noise, seed, progress)
         if revised is None or len(seen) > 2 * MOST or {s.added for s in revised} in seen:  # it would come back again

@@ -474,6 +474,10 @@ def _unexplained(result, final):
                if d["strength"] > 0]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
     line += f"; what is left depends most on {joined(depends)}." if depends else "."
+    by_run = bool(depends) and result["residual_depends_on"][0]["variable"] == "run"
+    if by_run:
+        line += (" It differs from run to run, as a zero, an offset or a payload does: add it, and give it a value of "
+                 "its own in each run ([fit] own).")
     slow = [c for c, own in result["channels"].items() if own.get("slow") and not _repeats(own)]
     unseen = _off_where_held_out(result["channels"])
     if unseen:
@@ -486,7 +490,7 @@ def _unexplained(result, final):
                  "drifts, or a loss that changes with time.")
     line += _refusals(result["candidates"])
     mystery = result["unexplained"]
-    if mystery and mystery["proposal"]:
+    if mystery and mystery["proposal"] and not by_run:
         line += f" {mystery['proposal']['text']}"
         if mystery["proposal"]["file"]:
             line += (" It is written as guess.mo, to be tried as an effect of your own: "

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import pycosim as pc
@@ -238,3 +239,15 @@ def test_a_ripple_is_found_beside_a_wrong_mass_of_the_reference(tmp_path):
 def test_what_slow_samples_and_samples_without_load_tell(name, effect, tmp_path):
     found = pc.open(make(name, tmp_path, quick=True)).improve()
     assert found.steps[1].added == effect and found.last.verdict == "nothing_missing", found
+
+
+def test_an_offset_of_each_run_s_own_is_told_as_what_differs_from_run_to_run(tmp_path):
+    study = make("plain:none::5", tmp_path, quick=True)
+    log = pd.read_csv(tmp_path / "run1.csv")
+    for k, part in enumerate(np.array_split(np.arange(len(log)), 3)):
+        own = log.iloc[part].assign(tau1=lambda run, k=k: run["tau1"] + 0.03 * k)
+        own.to_csv(tmp_path / f"part{k}.csv", index=False)
+    study.write_text(study.read_text().replace('"run1.csv"', '"part0.csv", "part1.csv", "part2.csv"'))
+    found = pc.open(study).fit().diagnose()
+    assert found.verdict == "unexplained" and found.to_dict()["residual_depends_on"][0]["variable"] == "run"
+    assert "differs from run to run" in " ".join(found.sentences)
