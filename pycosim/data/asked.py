@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..core.errors import StudyError
-from .logs import require_alike
+from .logs import require, require_alike
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,27 @@ class Asked:
                 zeros.append(zero)
         require_alike(logs, outputs)
         if paired and study.reference != "unknown":
+            lacking = [o for o in outputs if o not in have]
+            beside = f", needed beside {' and '.join(there)}" if (there := [o for o in outputs if o in have]) else ""
             raise StudyError(f'{study.path}: reference = "{study.reference}", but no log holds '
-                             f'{", ".join(outputs)}; log that, or write reference = "unknown"')
+                             f'{", ".join(lacking)}{beside}; log that, or write reference = "unknown"')
         return cls(name, form, outputs, known, channels, paired, aliases, zeros)
+
+    def require(self, study, logs):
+        """Refuse logs without what is compared or what that is computed from.
+
+        Parameters
+        ----------
+        study : Study
+            Its ``[columns]`` name what should hold a variable; a push that they do not name is none.
+        logs : list of Log
+            Each must hold all of it.
+
+        Raises
+        ------
+        DataError
+            Names the log and the column that should hold the first missing variable.
+        """
+        mapped = {c.variable for c in study.columns.values()}
+        for log in logs:
+            require(log, [k for k in self.known if k in mapped or not k.startswith("push")])

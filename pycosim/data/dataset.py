@@ -14,7 +14,7 @@ from ..dynamics.filters import settings
 from ..dynamics.states import propagate
 from . import instruments, segmentation, torques, turns
 from .asked import Asked
-from .logs import load, require
+from .logs import load
 from .motion import Motion
 from .parameters import Parameters
 from .residuals import Residuals, evaluated, held
@@ -86,6 +86,7 @@ class Dataset:
 
     def _choose_question(self):
         asked = Asked.of(self.study, self.base, self.logs)
+        asked.require(self.study, self.logs)
         self.asked, self.form, self.paired = asked.name, asked.form, asked.paired
         self.outputs, self.known, self.channels = asked.outputs, asked.known, asked.channels
         self.aliases, self.zeros = asked.aliases, asked.zeros
@@ -109,9 +110,6 @@ class Dataset:
         return question.fixed({n: 0.0 for n in (f"{c}.damping" for c in model.segments) if n in question.parameters})
 
     def _gather(self):
-        mapped = {c.variable for c in self.study.columns.values()}
-        for log in self.logs:  # an unmeasured push from outside is none
-            require(log, [k for k in self.known if k in mapped or not k.startswith("push")])
         self.time = np.concatenate([log.time for log in self.logs])
         self.run = np.concatenate([np.full(len(log.time), k) for k, log in enumerate(self.logs)])
         self.left_out = np.concatenate([self.study.left_out(log.name, log.time) for log in self.logs])

@@ -15,6 +15,7 @@ import pandas as pd
 from ..compile import shared_library
 from ..core.early import tell_early
 from ..core.errors import StudyError
+from ..data.asked import Asked
 from ..data.checks import check
 from ..data.dataset import Dataset
 from ..data.frames import Frame
@@ -190,7 +191,9 @@ class Project(Shown):
         Raises
         ------
         DataError
-            A log cannot be read.
+            A log cannot be read, or lacks a column that a fit needs.
+        StudyError
+            The study names a reference that no log holds.
 
         Examples
         --------
@@ -203,6 +206,7 @@ class Project(Shown):
     @cached_property
     def _checked(self) -> Check:
         logs = self._logs
+        Asked.of(self.study, self.model, logs).require(self.study, logs)  # of what no verb could use, nothing is right
         self.say("checking the logs")
         made = Check(check(self.study, self.library, self.model, logs), self.study)
         finish(self.say)

@@ -191,7 +191,9 @@ STUDIES = {
                               "already read from column 'tau1'"),
     "an unknown reference": (lambda t: t.replace('"unknown"', '"senser"', 1), "reference = 'senser' is unknown"),
     "a sensor that no log holds": (lambda t: t.replace('reference = "unknown"', 'reference = "sensor"').replace(
-        "C_H = {", "hip = {").replace("C_K = {", "knee = {"), 'reference = "sensor", but no log holds C_H, C_K'),
+        "C_H = {", "hip = {").replace("C_K = {", "knee = {"), 'reference = "sensor", but no log holds C_H, C_K;'),
+    "half of a sensor": (lambda t: t.replace('reference = "unknown"', 'reference = "sensor"').replace(
+        "C_K = {", "knee = {"), 'reference = "sensor", but no log holds C_K, needed beside C_H;'),
     "nothing free": (lambda t: t.replace("fixed = false", "fixed = true"), "no parameter is free"),
     "a Modelica file that is not there": (lambda t: t.replace("[rig]", '[rig]\nmodelica = ["my.mo"]'), "my.mo"),
 }
@@ -204,6 +206,14 @@ def test_a_bad_study_is_refused(kind, whole, here, capsys):
     whole.to_csv(here / "log.csv", index=False)
     data = () if kind == "a log fitted and held out" else ("log.csv",)
     refused(here, capsys, told, data=data)
+
+
+def test_the_check_refuses_what_no_other_verb_could_use(whole, here, capsys):
+    (here / "study.toml").write_text(STUDY.replace('reference = "unknown"', 'reference = "sensor"'))
+    whole.drop(columns="C_K").to_csv(here / "log.csv", index=False)
+    refused(here, capsys, "no log holds C_K, needed beside C_H;", "check")
+    whole.drop(columns=["theta2", "tau2"]).to_csv(here / "log.csv", index=False)
+    refused(here, capsys, "no column 'theta2', which holds 'motor2.phi'", "check")
 
 
 def test_a_broken_modelica_file_is_refused_with_its_line(whole, here, capsys):
