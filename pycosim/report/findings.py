@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from ..core.errors import DataError
+from ..data.checks.finding import QUESTION
 
 
 def sentence(finding):
@@ -22,8 +23,8 @@ def sentence(finding):
     text = finding.text[0].upper() + finding.text[1:] if finding.text[:1] not in finding.columns else finding.text
     if any(finding.text.startswith(c) for c in finding.columns):
         text = finding.text  # a column keeps its name
-    end = "?" if finding.certainty < 0.5 and "?" not in text else "."
-    sure = f" ({finding.kind}, {_percent(finding.certainty)})" if finding.told else ""
+    end = "?" if finding.certainty < QUESTION and "?" not in text else "."
+    sure = f" ({finding.kind}, {_percent(finding.certainty)})" if finding.wrong else ""
     return f"{text}{sure}{end}"
 
 
@@ -63,7 +64,7 @@ def every(checked):
     for finding in checked.findings:
         lines.append(sentence(finding))
         lines += [f"    {line}" for line in finding.mend.splitlines()]
-        if finding.times and finding.told:
+        if finding.times and finding.wrong:
             shown = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in finding.times[:5])
             more = f" and {len(finding.times) - 5} more" if len(finding.times) > 5 else ""
             lines.append(f"    at {shown} s{more}")
@@ -71,7 +72,7 @@ def every(checked):
         kinds = ", ".join(dict.fromkeys(f'"{f.kind}"' for f in checked.blocking))
         lines.append("diagnose, add, improve and report stop here until the study is mended, or says "
                      f"[data] accept = [{kinds}].")
-    elif not any(f.told for f in checked.findings):
+    elif not any(f.wrong for f in checked.findings):
         lines.append("Nothing is wrong with the wiring, the units or the clocks, as far as these columns can tell.")
     return lines
 

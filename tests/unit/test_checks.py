@@ -187,6 +187,22 @@ def test_a_log_whose_only_force_is_the_one_compared_is_checked(case, library, tm
     assert all(f.columns for f in found.findings if f.kind == "filtered")
 
 
+@pytest.mark.parametrize("case", ["plain:none::11", "digital:none::11", "motor_encoders:presliding:1.7:11"])
+def test_what_is_off_after_turns_alone_comes_neither_late_nor_early(case, library, tmp_path):
+    """Friction that builds up over a travel, and rounding: torques 10 ms early, once said as 68 to 78 % sure."""
+    found = checked(library, load_study(make(case, tmp_path, quick=True)))
+    assert not [f.text for f in found.findings if f.kind in ("shift", "clock")]
+
+
+@pytest.mark.parametrize("mistake", cases(["late_50ms:1:4", "late_50ms:1:1", "torque_late_50ms:1:4",
+                                           "torque_late_50ms:1:3"], ["late_50ms:1:1", "torque_late_50ms:1:4"]))
+def test_columns_that_come_late_are_told_beside_slow_noise(mistake, library, tmp_path):
+    found = checked(library, load_study(make(f"mistake:{mistake}", tmp_path, quick=True)))
+    shift, = [f for f in found.findings if f.kind == "shift"]
+    assert set(shift.columns) == set(TAU if mistake.startswith("torque") else C) and shift.certainty > 0.9
+    assert 0.035 < float(re.search(r"late = ([\d.]+)", shift.mend)[1]) < 0.07, shift.mend
+
+
 @pytest.mark.long
 def test_two_mistakes_are_both_named(library, tmp_path):
     frame = times(180 / np.pi, *THETA)(times(-1, "tau1")(sound()))

@@ -30,7 +30,8 @@ __all__ = ["Checked", "DISCRETE", "FACTS", "Finding", "KINDS", "check"]
 
 _QUIET = 0.01
 """Relative error, noise apart, below which no column is late by anything that matters."""
-_FEW, _SOME, _MANY = 600, 2000, 60_000  # samples for trials, for times, and for what must see every sample
+_FEW, _SOME, _DENSE, _MANY = 600, 2000, 20_000, 60_000
+"""Samples for trials, for times, for what is small beside noise, and for what must see every sample."""
 
 
 def check(study, library, model, logs):
@@ -114,7 +115,8 @@ class _Relations:
             return []
         some = self.whole.thinned(_SOME)
         holds = {k: r.hold(some, state.sources, state.holds[k].x) for k, r in enumerate(self.relations)}
-        found = Timing(some, state.sources, self.relations, holds, self.columns, self.group).findings()
+        found = Timing(some, state.sources, self.relations, holds, self.columns, self.group,
+                       self.whole.thinned(_DENSE)).findings()
         own = next((k for k, r in enumerate(self.relations) if getattr(r, "name", "") == "estimate"), None)
         if own is not None and not any(f.kind == "clock" for f in found):
             slow = filtered(self.whole, state.sources, self.relations[own], state.holds[own].x, self.columns,

@@ -16,6 +16,8 @@ DISCRETE = ("sign", "swap", "unit", "wrap", "stuck", "clock")
 SURE = 0.9
 """Certainty from which a discrete mistake stops a search: a wrong stop costs a line in the study, a missed one a
 wrong physical effect."""
+QUESTION = 0.5
+"""Certainty below which a finding is a question."""
 FACTS = ("resolution", "rest", "rate")
 """Kinds that describe a log, sound or not."""
 
@@ -58,7 +60,12 @@ class Finding:
 
     @property
     def told(self):
-        """Whether a verb says it unasked: all but what describes a sound log."""
+        """Whether a verb says it unasked: all but what describes a sound log, and questions that no line answers."""
+        return self.wrong and (self.certainty >= QUESTION or bool(self.mend))
+
+    @property
+    def wrong(self):
+        """Whether it says or asks that something is wrong, and does not merely describe."""
         return self.kind not in FACTS
 
     def plain(self):
@@ -116,7 +123,7 @@ def ordered(findings):
     -------
     list of Finding
     """
-    return sorted(findings, key=lambda f: (not f.blocks, not f.told, KINDS.index(f.kind), -f.certainty))
+    return sorted(findings, key=lambda f: (not f.blocks, not f.wrong, KINDS.index(f.kind), -f.certainty))
 
 
 def _rounded(errors):

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from .changes import listed
-from .finding import Finding, column_line
+from .finding import QUESTION, Finding, column_line
+from .inside import latest
 from .readings import Source, with_change
 from .relations import ModelRelation, RateRelation, _winsorised, shared
 
@@ -40,6 +41,7 @@ _SURE = 8.0
 _APART = 0.05  # s that a drifting clock is off at the end at least
 _ANEW, _STUCK = 3, 0.1  # searches at most, and fall of a relation's cost from which one more is begun
 _FEW = 600  # samples of a first trial
+_ASKED = 1 / 3  # certainty from which a shift is worth a question
 _SEEN = 0.015
 """Relative error from which a relation may tell of times: a load's model is no better."""
 _TINY = 1e-4  # relative error below which less is no better
@@ -72,9 +74,12 @@ class Timing:
         Name the columns of the variables in the findings.
     group : dict of str to list of str
         Variables by what they are, as `changes.roles` gives them.
+    every : Readings, optional
+        At as many samples as can be, for what is small beside noise; ``readings`` by default.
     """
 
-    def __init__(self, readings, sources, relations, holds, columns, group):
+    def __init__(self, readings, sources, relations, holds, columns, group, every=None):
+        self.every = readings if every is None else every
         self.readings, self.sources, self.relations = readings, sources, relations
         self.holds, self.columns, self.group = holds, columns, group
         self.valleys = defaultdict(list)  # parameters that other trials ended in, by relation
@@ -284,19 +289,39 @@ class Timing:
             names, _, drift, holds = drifted
             _, likelihood, before, after = self._worth(holds)
             return [self._clock(names, drift, before, after, likelihood)]
+        return self._late() or self._apart(shifted)
+
+    def _late(self):
+        """Columns that come late by what the samples well inside the passes say."""
+        found, sure = latest(self.every, self.sources, self.relations, self.holds, self.group["angles"],
+                             self.candidates())
+        if found is None or sure < _ASKED:
+            return []
+        told = [c for c, e in found.before.items() if not 0.99 * e < found.after[c] < 1.01 * e]
+        before, after = ({c: errors[c] for c in told} for errors in (found.before, found.after))
+        return self._shift(found.names, found.shift, before, after, sure)
+
+    def _apart(self, shifted):
+        """Columns that come late or early against their own slopes, where no friction is."""
         if shifted is None:
             return []
         names, shift, _, holds = shifted
+        holds = {k: h for k, h in holds.items() if isinstance(self.relations[k], RateRelation)}
         ratio, likelihood, before, after = self._worth(holds)
-        if ratio < 1 / _BETTER or likelihood < _SURE or abs(shift) < (
-                0.5 if ratio > _FALLEN else 1.5) * self.step:
+        if ratio < 1 / _BETTER or likelihood < _SURE:
+            return []
+        return self._shift(names, shift, before, after, self._share(holds))
+
+    def _shift(self, names, shift, before, after, sure):
+        """A shift as a finding, where it is more than the samples' distance would make; a question has no mend."""
+        ratio = max((e / max(after[c], _TINY * e) for c, e in before.items()), default=1.0)
+        if abs(shift) < (0.5 if ratio > _FALLEN else 1.5) * self.step:
             return []
         many = len(names) > 1
         text = (f"{listed(self.columns.of(n) for n in names)} {'come' if many else 'comes'} {abs(shift):.3g} s "
                 f"{'late' if shift > 0 else 'early'}: {self._told(before, after)}")
-        mend = self._lines(names, late=shift)
-        return [Finding("shift", text, [self.columns.of(n) for n in names], self._share(holds), before, after,
-                        mend)]
+        mend = self._lines(names, late=float(f"{shift:.3g}")) if sure >= QUESTION else ""
+        return [Finding("shift", text, [self.columns.of(n) for n in names], sure, before, after, mend)]
 
     def _drifts(self, shifted, drifted):
         """Whether the columns come the later the longer the log, and no shift says as much of when they come."""
