@@ -293,6 +293,14 @@ def test_a_limit_of_a_sum_with_factors_is_compared(library, tmp_path):
     assert found["0.5 * motor1.phi - q_K"][0] == pytest.approx(gap, rel=0.1)
 
 
+def test_an_offset_of_a_reference_is_no_zero_of_a_motor(library, tmp_path):
+    """A motor turned by 1.8 rad gives the weight the same constant, and mends nothing that is compared."""
+    asked = load_study(make("mistake:reference_zero_offset:1:2", tmp_path, quick=True))
+    zero, = [f for f in checked(library, asked).findings if f.kind == "zero"]
+    assert zero.columns == ["C_H"] and zero.certainty > 0.5
+    assert 1.4 < float(re.search(r"zero = ([\d.]+)", zero.mend)[1]) < 1.6
+
+
 def test_what_neither_log_nor_limits_can_tell_is_asked(library, tmp_path):
     frame = times(1 / 0.14, *TAU)(sound(reference=None))
     asked = [f for f in checked(library, study(tmp_path, frame)).findings if f.kind == "unit"]

@@ -131,7 +131,7 @@ class _Relations:
         for k, relation in enumerate(self.relations if not offsets else ()):
             if getattr(relation, "name", "") == "weight":
                 zeros = {f"{c}.phi": f"{c}.zero" for c in self.model.components("signal")}
-                found += motor_zeros(self.few, state.sources, relation, state.holds[k], self.columns, zeros)
+                found += motor_zeros(self.few, state.sources, self.relations, k, state.holds, self.columns, zeros)
         return found + offsets
 
     def _known(self, state):

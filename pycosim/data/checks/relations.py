@@ -338,28 +338,32 @@ class ModelRelation:
                 measured = levelled(measured, readings.run, used)
             spread = np.array([max(_spread(m[used]), 1e-12) if used.sum() > 20 else 1.0 for m in (
                 measured if not self.sized else size)])
+            x, y, size = self._fit(arguments, measured, x, y, size, slopes, used, spread, offset)
             self.offsets = np.zeros(self.count)
-            for _ in range(4 if offset else 1):  # constants and parameters in turn
-                if offset:
-                    self.offsets += np.median((measured - y)[:, used], axis=1)
-                    measured = self.measured(readings, sources) - self.offsets[:, None]
-                x, y, size = self._fit(arguments, measured, x, y, size, slopes, used, spread)
-                slopes = self.evaluate(arguments, x, n)[3] if offset else slopes
+            if offset and used.any():
+                self.offsets = np.median((measured - y)[:, used], axis=1)
+                measured = measured - self.offsets[:, None]
             if self.level:
                 y = levelled(y, readings.run, used)
             return agreement(self.channels, measured - y, measured if not self.sized else size, used,
                              readings.partners, x)
 
-    def _fit(self, arguments, measured, x, y, size, slopes, used, spread):
-        """Bounded, damped Gauss-Newton steps on the samples that are not far out."""
+    def _fit(self, arguments, measured, x, y, size, slopes, used, spread, offset=False):
+        """Bounded, damped Gauss-Newton steps on the samples that are not far out, beside any constant if wanted."""
         n = measured.shape[1]
         if not self.free or used.sum() < 20:
             return x, y, size
+
+        def left(there):
+            residual = measured - there
+            return residual - np.median(residual[:, used], axis=1, keepdims=True) if offset else residual
         damping = 1e-6
-        cost, weight = _cost(measured - y, used, spread)
+        cost, weight = _cost(left(y), used, spread)
         for _ in range(_STEPS):
+            if offset:
+                slopes = slopes - slopes[:, :, used].mean(axis=2, keepdims=True)
             j = (slopes * weight[:, None]).transpose(0, 2, 1).reshape(-1, len(x)) * self.nominal
-            r = ((measured - y) * weight).ravel()
+            r = (left(y) * weight).ravel()
             normal, right = j.T @ j, j.T @ r
             if not (np.isfinite(normal).all() and np.isfinite(right).all()):
                 break
@@ -367,7 +371,7 @@ class ModelRelation:
                             (self.low - x) / self.nominal, (self.high - x) / self.nominal)
             there = np.clip(x + step * self.nominal, self.low, self.high)
             y_there, size_there, _, slopes_there = self.evaluate(arguments, there, n)
-            cost_there, weight_there = _cost(measured - y_there, used, spread)
+            cost_there, weight_there = _cost(left(y_there), used, spread)
             if np.isfinite(cost_there) and cost_there < cost:
                 done = cost_there > (1 - _DONE) * cost
                 x, y, size, slopes, cost, weight = there, y_there, size_there, slopes_there, cost_there, weight_there

@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from .finding import Finding, column_line
+from .finding import QUESTION, Finding, column_line
 
 _VISIBLE = 0.0035
 """rad, a fifth of a degree: less is no mounting error that anybody would correct."""
 _STEPS = 3.0  # of the readings
 _BETTER = 1.5  # factor by which the weight must be told better with another zero
+_ALIKE = 2.0  # factor within which the motors and the weight must agree on the offset of a reference
+_LOWERED = 1.05  # factor by which what the study compares must be told better with another zero of a motor
 
 
 def encoder_zeros(readings, sources, relations, columns):
@@ -76,13 +78,16 @@ def reference_offsets(readings, sources, relations, holds, columns):
     -------
     list of Finding
     """
-    found = []
+    found, compared = [], _compared(relations)
+    told = {} if compared is None else _offsets(relations[compared], readings, sources, holds[compared])
     for k, relation in enumerate(relations):
         if getattr(relation, "name", "") != "weight" or not relation.free:
             continue
-        there, offsets = relation.hold(readings, sources, holds[k].x, offset=True), relation.offsets
-        for channel, offset in zip(relation.channels, offsets):
+        there = relation.hold(readings, sources, holds[k].x, offset=True)
+        for channel, offset in zip(relation.channels, relation.offsets):
             column, old, new = columns.column(channel), holds[k], there
+            if not 1 / _ALIKE < told.get(channel, offset) / (offset or 1.0) < _ALIKE:
+                continue
             ratio = old.smooth[channel] / max(new.smooth[channel], 1e-9)
             if ratio < _BETTER or old.smooth[channel] < 0.003 or abs(offset) < 2 * new.error[channel] or column is None:
                 continue
@@ -94,8 +99,21 @@ def reference_offsets(readings, sources, relations, holds, columns):
     return found
 
 
-def motor_zeros(readings, sources, relation, hold, columns, zeros):
+def _compared(relations):
+    """Place of the study's own comparison."""
+    return next((k for k, r in enumerate(relations) if getattr(r, "name", "") == "estimate"), None)
+
+
+def _offsets(relation, readings, sources, hold):
+    """Constants that the motors' torques put into each channel."""
+    relation.hold(readings, sources, hold.x, offset=True)
+    return dict(zip(relation.channels, relation.offsets))
+
+
+def motor_zeros(readings, sources, relations, k, holds, columns, zeros):
     """Motor angles whose zero the weight of the load shows.
+
+    Where the mend changes nothing of what the study compares, it is a question without one.
 
     Parameters
     ----------
@@ -103,10 +121,12 @@ def motor_zeros(readings, sources, relation, hold, columns, zeros):
         At few enough samples to fit the model anew with each zero.
     sources : dict of str to Source
         How each variable is read, mistakes undone.
-    relation : ModelRelation
-        The weight of the load against the reference.
-    hold : Agreement
-        How well the relation holds with the zeros as the study has them.
+    relations : list
+        `ModelRelation` and `RateRelation` that the columns are held against.
+    k : int
+        Place of the weight of the load against the reference.
+    holds : dict of int to Agreement
+        How well each relation holds with the zeros as the study has them.
     columns : Columns
         Name the columns of the variables in the findings.
     zeros : dict of str to str
@@ -116,6 +136,7 @@ def motor_zeros(readings, sources, relation, hold, columns, zeros):
     -------
     list of Finding
     """
+    relation, hold = relations[k], holds[k]
     zeros = {a: p for a, p in zeros.items() if p in relation.names}
     if not zeros or columns is None:
         return []
@@ -124,7 +145,9 @@ def motor_zeros(readings, sources, relation, hold, columns, zeros):
     ratio = max(hold.relative[c] / max(there.relative[c], 1e-9) for c in hold.relative)
     if ratio < _BETTER or max(hold.relative.values()) < 0.01:
         return []
-    found = []
+    found, compared = [], _compared(relations)
+    values = {p: there.x[freed.free.index(p)] for p in zeros.values()}
+    helps = compared is None or _lowered(relations[compared], readings, sources, holds[compared], values)
     for angle, parameter in zeros.items():
         value = float(there.x[freed.free.index(parameter)] - relation.given[relation.names.index(parameter)])
         column = columns.column(angle)
@@ -132,6 +155,16 @@ def motor_zeros(readings, sources, relation, hold, columns, zeros):
             continue
         text = (f"{columns.of(angle)} reads {value:.4g} rad at the angle that the load's weight calls zero: "
                 + ", ".join(f"{columns.of(c)} {hold.error[c]:.3g} -> {there.error[c]:.3g}" for c in hold.error))
-        found.append(Finding("zero", text, [columns.of(angle)], min(0.85, 1 - 1 / ratio), dict(hold.error),
-                             dict(there.error), column_line(columns.of(angle), _zeroed(column, value))))
+        sure = min(0.85, 1 - 1 / ratio) * (1.0 if helps else 0.5)
+        mend = column_line(columns.of(angle), _zeroed(column, value)) if helps and sure >= QUESTION else ""
+        found.append(Finding("zero", text, [columns.of(angle)], sure, dict(hold.error), dict(there.error), mend))
     return found
+
+
+def _lowered(relation, readings, sources, hold, values):
+    """Whether the study's own comparison is better with other values of some parameters."""
+    mended = relation.freed([])
+    for name in set(values) & set(mended.names):
+        mended.given[mended.names.index(name)] = values[name]
+    there = mended.hold(readings, sources, hold.x)
+    return any(hold.error[c] > _LOWERED * there.error[c] for c in hold.error)
