@@ -293,6 +293,15 @@ def test_a_limit_of_a_sum_with_factors_is_compared(library, tmp_path):
     assert found["0.5 * motor1.phi - q_K"][0] == pytest.approx(gap, rel=0.1)
 
 
+def test_rows_that_were_left_out_are_no_unit_of_the_speeds(library, tmp_path):
+    asked = load_study(make("poor:every_tenth::2", tmp_path, quick=True))
+    wrong, = checked(library, asked).blocking
+    assert wrong.columns == ["time"] and 'gain = 10' in wrong.mend and "rate" in wrong.text
+    text = mended((tmp_path / "study.toml").read_text(), wrong.mend)
+    (tmp_path / "study.toml").write_text(text)
+    assert not [f.text for f in checked(library, load_study(tmp_path / "study.toml")).findings if f.wrong]
+
+
 def test_an_offset_of_a_reference_is_no_zero_of_a_motor(library, tmp_path):
     """A motor turned by 1.8 rad gives the weight the same constant, and mends nothing that is compared."""
     asked = load_study(make("mistake:reference_zero_offset:1:2", tmp_path, quick=True))

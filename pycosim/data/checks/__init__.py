@@ -60,7 +60,7 @@ def check(study, library, model, logs):
     found = rate(logs)
     steps, raw = resolution(logs, columns)
     unwrapped, logs, _ = wrapped(logs, columns)
-    in_seconds, factor = clock(study, logs)
+    in_seconds, factor = clock(study, logs, model)
     found += steps + unwrapped + in_seconds + outliers(logs, columns, study) + copied(logs, columns)
     found += _Relations(study, library, model, logs, factor, raw).findings()
     found += named(study, logs, found)

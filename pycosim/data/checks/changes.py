@@ -394,9 +394,9 @@ def snapped(columns, group, variable, factor):
     found = []
     column = columns.column(variable)
     for chosen in [(variable,)] + ([tuple(members)] if len(members) > 1 else []):
-        if column.dimension == "rad":
-            found += [counted(columns, chosen, n) for n in COUNTS if abs(math.log(2 * math.pi / n / factor)) < 0.05]
-        if not found:
+        known = [n for n in COUNTS if column.dimension == "rad" and abs(math.log(2 * math.pi / n / factor)) < 0.05]
+        found += [counted(columns, chosen, n) for n in known]
+        if not known:
             names = listed(columns.of(v) for v in chosen)
             found.append(Change("unit", {v: Source(v, factor) for v in chosen},
                                 [("scale", v, factor) for v in chosen],

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...study.schema import Column
 from .finding import Finding, column_line
 
 _SLOWEST = 0.2
@@ -15,6 +16,9 @@ _STILL = 0.05
 """rad/s (or m/s) that nothing exceeds where milliseconds or microseconds are read as seconds."""
 _GAP = 5.0  # usual intervals without a sample
 _UNEVEN = 0.05  # relative scatter of the interval that is worth a word
+_MOST_ROWS, _WHOLE = 100, 0.003
+"""Rows left out for each that is there at most, and part by which that number may be off a whole one."""
+_FOLLOWS = 0.95  # correlation of a speed with the slope of its angle, from which their ratio says something
 _MANY = 200_000  # samples of a column from which its steps are found
 
 
@@ -65,7 +69,7 @@ def rest(logs, moving):
     return [Finding("rest", f"everything moves in {100 * moving:.0f} % of the samples")]
 
 
-def clock(study, logs):
+def clock(study, logs, model):
     """Milliseconds or microseconds read as seconds: nothing would move.
 
     Parameters
@@ -74,6 +78,8 @@ def clock(study, logs):
         Its columns tell the unit of the time, and `rate` where there is no such column.
     logs : list of Log
         Their times [s] are taken as the study reads them.
+    model : Model
+        Its gear ratios are no rows that were left out.
 
     Returns
     -------
@@ -103,7 +109,50 @@ def clock(study, logs):
                     f"{fastest:.3g} rad/s become {1 / (step * factor):.4g} Hz and {fastest / factor:.3g} rad/s")
             named = [name] if study.rate is None else []
             return [Finding("unit", text, named, 0.999 if agrees else 0.98, mend=mend)], factor
-    return [], 1.0
+    return _rows(study, logs, [p.value for p in model.parameters.values() if p.unit == "1"])
+
+
+def _rows(study, logs, geared):
+    """Rows that were left out, or added, while the times go on as if none were: all speeds are off by one whole number.
+
+    Units and steps of an encoder make no whole number: 57.3 of degrees, 9.55 of revolutions a minute.
+    """
+    pairs = [(log.time, log.signals[n], log.signals[n[:-1] + "phi"]) for log in logs for n in log.signals
+             if n.endswith(".w") and n[:-1] + "phi" in log.signals]
+    ratios = np.array([_ratio(*pair) for pair in pairs])
+    if len(pairs) < 2 * len(logs) or not np.isfinite(ratios).all():
+        return [], 1.0
+    slower = ratios.mean() > 1
+    whole = ratios if slower else 1 / ratios
+    count = round(float(whole.mean()))
+    if (not 2 <= count <= _MOST_ROWS or np.abs(whole - count).max() > _WHOLE * count
+            or any(abs(r - count) < 0.01 * count for r in geared)):
+        return [], 1.0
+    return [_rows_left_out(study, logs, count, slower)], float(count) if slower else 1.0 / count
+
+
+def _rows_left_out(study, logs, count, slower):
+    factor = float(count) if slower else 1.0 / count
+    name, rate = study.time_column, study.rate
+    if rate is not None:
+        mend = f"rate = {rate / factor:.6g}"
+    else:
+        known = study.columns.get(name, Column("time", "s"))
+        mend = column_line(name, replace(known, gain=known.gain * factor))
+    step = float(np.median(np.concatenate([np.diff(log.time) for log in logs])))
+    done = f"one every {step * factor:.3g} s"
+    text = (f"the angles turn {count} times as {'fast' if slower else 'slowly'} as all speeds say: a sample every "
+            f"{step:.3g} s stands for {done}; the rate is another, or rows are missing")
+    return Finding("unit", text, [name], 0.98, mend=mend)
+
+
+def _ratio(time, speed, angle):
+    """Slope of an angle over its speed; NaN where one does not follow the other."""
+    slope = np.gradient(angle, time)
+    power = float(np.sqrt((slope @ slope) * (speed @ speed)))
+    if not power or slope @ speed < _FOLLOWS * power:
+        return np.nan
+    return float(slope @ speed / (speed @ speed))
 
 
 def _fast(time, values):
