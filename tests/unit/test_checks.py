@@ -302,6 +302,15 @@ def test_rows_that_were_left_out_are_no_unit_of_the_speeds(library, tmp_path):
     assert not [f.text for f in checked(library, load_study(tmp_path / "study.toml")).findings if f.wrong]
 
 
+def test_a_mistake_of_one_run_is_told_of_that_run_alone(library, tmp_path):
+    for name, change in (("q0", lambda f: f), ("q1", times(-1, "tau1"))):
+        change(sound(reference="sensor")).to_csv(tmp_path / f"{name}.csv", index=False)
+    (tmp_path / "study.toml").write_text(STUDY.replace("runs = []", 'runs = ["q0.csv", "q1.csv"]'))
+    wrong, = checked(library, load_study(tmp_path / "study.toml")).blocking
+    assert wrong.text.startswith("in q1.csv alone: negate tau1: ")
+    assert wrong.mend.startswith("# q1.csv: correct tau1 in the file")
+
+
 def test_an_offset_of_a_reference_is_no_zero_of_a_motor(library, tmp_path):
     """A motor turned by 1.8 rad gives the weight the same constant, and mends nothing that is compared."""
     asked = load_study(make("mistake:reference_zero_offset:1:2", tmp_path, quick=True))

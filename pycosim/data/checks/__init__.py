@@ -8,6 +8,8 @@ grows with how far something travelled.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .asking import asked
@@ -20,7 +22,7 @@ from .outliers import outliers, shocks
 from .readings import Readings, Source
 from .relations import ModelRelation, relations
 from .sampling import clock, rate, resolution, rest
-from .search import Search
+from .search import BAD, LEAST, Search
 from .stuck import copied, moved, stuck
 from .timing import Timing, filtered
 from .wrapped import wrapped
@@ -62,9 +64,19 @@ def check(study, library, model, logs):
     unwrapped, logs, _ = wrapped(logs, columns)
     in_seconds, factor = clock(study, logs, model)
     found += steps + unwrapped + in_seconds + outliers(logs, columns, study) + copied(logs, columns)
-    found += _Relations(study, library, model, logs, factor, raw).findings()
+    every = _Relations(study, library, model, logs, factor, raw)
+    apart, sound = every.apart()
+    found += apart + (_Relations(study, library, model, sound, factor, raw) if apart else every).findings()
     found += named(study, logs, found)
     return Checked(joined(ordered(found), study), list(study.accept))
+
+
+def _of_run(log, finding):
+    """A finding that holds in one run alone."""
+    where = "held_out" if log.held_out else "runs"
+    return replace(finding, text=f"in {log.name} alone: {finding.text}", mend=(
+        f"# {log.name}: correct {', '.join(finding.columns)} in the file, or take it out of [data] {where}; "
+        "[columns] are those of all runs"))
 
 
 class _Relations:
@@ -72,12 +84,36 @@ class _Relations:
 
     def __init__(self, study, library, model, logs, factor, raw):
         self.study, self.library, self.model, self.logs = study, library, model, logs
+        self.factor, self.raw = factor, raw
         self.whole = Readings(logs, _MANY, factor)
         self.sources = {n: Source(n) for n in self.whole.names}
         self.relations = relations(study, library, model, self.whole.names)
         self.few = self.whole.thinned(_FEW)
         self.search = Search(study, model, self.few, self.sources, self.relations, raw)
         self.columns, self.group = self.search.columns, self.search.group
+
+    def apart(self):
+        """Mistakes of some runs that others do not have: columns are one for all runs, so that no line mends them.
+
+        Returns
+        -------
+        found : list of Finding
+            Each with the name of its run; empty where the runs are alike.
+        sound : list of Log
+            The runs without.
+        """
+        if len(self.logs) < 2 or self.search.given.worst() < BAD:
+            return [], self.logs
+        alone = [Search(self.study, self.model, Readings([log], _FEW, self.factor), self.sources, self.relations,
+                        self.raw) for log in self.logs]
+        worst = [a.given.worst() for a in alone]
+        if max(worst) < max(BAD, LEAST * min(worst)):
+            return [], self.logs
+        mistakes = [a.findings()[0] for a in alone]
+        sound = [log for log, found in zip(self.logs, mistakes) if not found]
+        if not sound:
+            return [], self.logs
+        return [_of_run(log, f) for log, found in zip(self.logs, mistakes) for f in found], sound
 
     def findings(self):
         """All findings, those about what the changes leave computed with them.
