@@ -135,8 +135,11 @@ class Page:
         if self.checked is None:
             return {"lines": ["The data were not checked."], "tables": []}
         rows = [(f.kind, findings.sentence(f), f.mend) for f in self.checked.findings]
-        told = any(f.told for f in self.checked.findings)
-        lines = ["What was found stands above all else on this page."] if told else findings.every(self.checked)[-1:]
+        lines = findings.every(self.checked)[-1:]
+        if any(f.told for f in self.checked.findings):
+            lines = ["What was found stands above all else on this page."]
+        elif any(f.wrong for f in self.checked.findings):
+            lines = ["Nothing was found; what may be asked of the data is below."]
         return {"lines": lines,
                 "tables": [_table("All that the check says", ("kind", "what", "line that mends it"), rows)]}
 
