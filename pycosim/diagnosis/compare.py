@@ -169,7 +169,7 @@ def compare(dataset, model, fit, part="all"):
     if len(dataset.logs) > 1:
         names = np.array([log.name for log in dataset.logs])
         by["run"] = _grouped(dataset, residual, names[dataset.run[index]])
-    variables = explanations(dataset, model, fit, index)
+    variables = {n: v for n, v in explanations(dataset, model, fit, index).items() if n not in by}  # runs have names
     for name, values in variables.items():
         by[name] = _grouped(dataset, residual, _quantile_labels(values))
     error = {**{c: float(np.sqrt(np.mean(r ** 2))) for c, r in zip(dataset.channels, residual)},

@@ -214,14 +214,6 @@ def test_two_mistakes_are_both_named(library, tmp_path):
     assert not checked(library, study(tmp_path, frame, text)).blocking
 
 
-def test_the_last_line_of_a_column_holds_all_that_is_to_be_mended_in_it(library, tmp_path):
-    frame = late(0.03, 0.0, "tau1", "tau2")(times(1e3, "tau1")(sound()))
-    found = checked(library, study(tmp_path, frame)).findings
-    lines = [line for f in found for line in f.mend.splitlines() if line.startswith("tau1")]
-    assert [f.kind for f in found][:2] == ["unit", "shift"] and "late" not in lines[0]
-    assert 'unit = "mN.m"' in lines[0] and 'unit = "mN.m", late = 0.0' in lines[-1]
-
-
 def test_lines_for_one_column_are_joined_and_no_question_goes_into_another_line(tmp_path):
     asked = study(tmp_path, sound())
     unit = Finding("unit", "mN.m", ["tau1"], 0.99, mend='tau1 = { variable = "motor1.tau", unit = "mN.m" }')
