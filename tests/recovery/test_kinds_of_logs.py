@@ -206,11 +206,17 @@ def test_what_many_do_equally_well_hides_nothing_beside_it(tmp_path):
     assert (first, last, found) == ("missing_effect", "unexplained", [("configuration_preload", "1A")]), shown
 
 
-def test_two_passes_that_cannot_confirm_a_clear_delay_are_too_few_and_not_nothing(tmp_path):
+def test_a_delay_that_shows_in_slow_samples_alone_is_found_in_three_passes(tmp_path):
     found = pc.open(make("short:time_delay:2.4:3201", tmp_path, quick=True)).improve()
+    assert [step.added for step in found.steps] == [None, "time_delay@torque"]
+    assert found.last.verdict == "nothing_missing"
+
+
+def test_two_passes_that_cannot_confirm_a_clear_effect_are_too_few_and_not_nothing(tmp_path):
+    found = pc.open(make("pick_and_place:viscous:1.7:10200", tmp_path, quick=True)).improve()
     assert found.first.verdict == "not_enough_excitation" and len(found.steps) == 1
     page = found.report(tmp_path / "report.html").read_text()
-    assert "Too few passes to tell whether the model lacks time delay at torque" in page
+    assert "Too few passes to tell whether the model lacks sublinear viscous at 1A" in page
     assert "so that 4 passes at least can be fitted" in page
 
 
