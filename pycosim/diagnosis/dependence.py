@@ -26,10 +26,10 @@ SHARE, FLIPS, RARE = 0.05, 199, 0.01
 missing, their scatter tells no standard error (wild cluster bootstrap: Cameron, Gelbach, Miller, *Bootstrap-based
 improvements for inference with clustered errors*, 2008)."""
 
-BESIDE, PAUSE, FEW, TURNS = 0.3, 2.0, 5, 4
-"""Seconds beside a turn whose error is compared, seconds that it may rest there, samples of a side, and turns that
-tell. Correlations of both sides are 0.2 to 0.9 in 12 logs with slow noise alone, of its size or half of it, and -0.25
-to -0.96 at one segment at least in 6 whose friction ebbs, flows, or comes and goes."""
+BESIDE, PAUSE, FEW, TURNS, AGREE = 0.3, 2.0, 5, 4, 0.3
+"""Seconds beside a turn whose error is compared, seconds that it may rest there, samples of a side, turns that tell,
+and the correlation of both sides from which they agree. Slow noise alone has 0.2 to 0.9, and 0.8 where it is as strong as
+the fast; friction that ebbs, flows, or comes and goes has -0.96 to 0.24 at one segment at least, in seven logs."""
 
 
 def noise_floor(dataset, model, fit):
@@ -465,7 +465,7 @@ def _taken(sum_xy, sum_xx):
 
 
 def mirrored(dataset, model, fit):
-    """Channels whose slow error changes its sign where a segment turns, as a friction does and noise does not.
+    """Channels whose slow error does not go on where some segment turns, as noise does and a friction does not.
 
     Parameters
     ----------
@@ -498,4 +498,4 @@ def mirrored(dataset, model, fit):
             told.append((one * two).sum(0) / np.sqrt((one**2).sum(0) * (two**2).sum(0) + 1e-300))
     if not told:
         return dict.fromkeys(dataset.channels)
-    return {c: bool(least < 0) for c, least in zip(dataset.channels, np.min(told, axis=0))}
+    return {c: bool(least < AGREE) for c, least in zip(dataset.channels, np.min(told, axis=0))}
