@@ -28,8 +28,8 @@ improvements for inference with clustered errors*, 2008)."""
 
 BESIDE, PAUSE, FEW, TURNS, AGREE = 0.3, 2.0, 5, 4, 0.3
 """Seconds beside a turn whose error is compared, seconds that it may rest there, samples of a side, turns that tell,
-and the correlation of both sides from which they agree. Slow noise alone has 0.2 to 0.9, and 0.8 where it is as strong as
-the fast; friction that ebbs, flows, or comes and goes has -0.96 to 0.24 at one segment at least, in seven logs."""
+and the correlation of both sides from which they agree. Slow noise alone has 0.2 to 0.9, and 0.8 where it is as strong
+as the fast; friction that ebbs, flows, or comes and goes has -0.96 to 0.24 at one segment at least, in seven logs."""
 
 
 def noise_floor(dataset, model, fit):
