@@ -8,9 +8,7 @@ or a filter does after a turn looks otherwise, and is for the diagnosis to find.
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 from scipy.optimize import nnls
-from scipy.signal import lfilter
 
 from ..compile import compile_model
 from ..dynamics.states import propagate
@@ -176,8 +174,9 @@ def off(errors, moving, passes, time):
                 noise.append(np.var(beside, axis=1, ddof=1) * (1 + 1 / AFTER))
     if len(squares) < FEW:
         return False
-    times = np.array(squares) / np.maximum(np.median(noise, axis=0), 1e-300)
-    return bool(np.any(stats.trim_mean(times, TRIMMED) > OFF))
+    times = np.sort(np.array(squares) / np.maximum(np.median(noise, axis=0), 1e-300), axis=0)
+    cut = int(TRIMMED * len(times))
+    return bool(np.any(times[cut:len(times) - cut].mean(axis=0) > OFF))
 
 
 class _Travel:
@@ -187,6 +186,8 @@ class _Travel:
     """
 
     def __init__(self, dataset, parameters):
+        from scipy.signal import lfilter  # only now: it takes as long to import as an export takes
+
         base = compile_model(dataset.library, dataset.study.rig, [])
         question, self.time = dataset.ask(base), dataset.time
         parameters = {n: parameters[n] for n in base.parameters}

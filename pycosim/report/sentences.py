@@ -435,7 +435,7 @@ def alternatives_text(best, experiment=True):
     Parameters
     ----------
     best : dict
-        A candidate of ``diagnosis.json``.
+        A candidate of ``diagnosis.json``, or its ``twins`` and the ``experiment``.
     experiment : bool
         Name the experiment that would.
 
@@ -689,7 +689,7 @@ def summary_improvement(first, last, ladder, parameters):
              + (f"; held-out {errors_text(steps[0]['held_out_error'], units)}" if steps[0]["held_out_error"] else "")
              + "."]
     for before, step in zip(steps, steps[1:]):
-        lines += _step(before, step, first, parameters, units)
+        lines += _step(before, step, ladder, first, parameters)
     best, added = first["candidates"][0], [(s["added"]["effect"], s["added"]["place"]) for s in steps[1:]]
     if best["accepted"] and (best["effect"], best["place"]) not in added:
         lines.append(f"{best['effect']} at {best['place']} was found first, in place of these, and is not needed "
@@ -701,8 +701,9 @@ def summary_improvement(first, last, ladder, parameters):
     return [*lines, *summary_diagnosis(last, final=True)]
 
 
-def _step(before, step, first, parameters, units):
+def _step(before, step, ladder, first, parameters):
     """An effect that was added: its coefficients in the final model, what was expected of it, and what it brought."""
+    units, added = ladder["units"], [s["added"] for s in ladder["steps"]]
     name, place = step["added"]["effect"], step["added"]["place"]
     found = next((c for c in first["candidates"] if c["accepted"] and (c["effect"], c["place"]) == (name, place)), None)
     base = component_called(name, place)
@@ -715,7 +716,8 @@ def _step(before, step, first, parameters, units):
              + (f" (predicted {errors_text(step['predicted_error'], units)})" if step["predicted_error"] else "")
              + (f"; held-out {change_text(before['held_out_error'], step['held_out_error'], units)}"
                 if step["held_out_error"] else "") + "."]
-    return lines + (alternatives_text(found) if found else [])
+    alike = [t for t in step.get("alternatives", ()) if t not in added]
+    return lines + alternatives_text({"twins": alike, "experiment": found["experiment"] if found else ""})
 
 
 def summary_addition(made):

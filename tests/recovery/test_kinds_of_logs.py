@@ -200,10 +200,14 @@ def test_one_of_many_that_do_equally_well_is_no_name(tmp_path):
     assert f"pycosim add STUDY {'@'.join(best.key)}" in told[1] and result.first.unexplained is None
 
 
-def test_what_many_do_equally_well_hides_nothing_beside_it(tmp_path):
-    """A gain of the reference is one of seven here; the preload beside it is found."""
-    first, last, found, shown = hidden("reference_gain:configuration_preload:2.4:2600", tmp_path)
-    assert (first, last, found) == ("missing_effect", "unexplained", [("configuration_preload", "1A")]), shown
+def test_a_reference_two_percent_off_is_found_beside_an_effect_and_its_alternatives_are_told(tmp_path):
+    found = pc.open(make("reference_gain:configuration_preload:2.4:2600", tmp_path, quick=True)).improve()
+    preload, gain = told(found.found)
+    assert preload == [("configuration_preload", "1A")] and ("reference_gain", "hip") in gain, found.sentences
+    assert found.verdict == "nothing_missing", found.sentences
+    then = next(n for n, line in enumerate(found.sentences) if line.startswith("Then missing"))
+    line = found.sentences[then + 2]
+    assert line.startswith("These data cannot tell it from") and all(f"{e} at {p}" in line for e, p in gain[1:])
 
 
 def test_a_delay_that_shows_in_slow_samples_alone_is_found_in_three_passes(tmp_path):
