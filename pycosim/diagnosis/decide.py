@@ -38,6 +38,7 @@ TOO_FEW = "there are too few passes to see whether it predicts one that it was n
 NOTHING = "its interval holds zero, so that something else is at work"
 ENDLESS = "its best value is at the end of what is looked for, so that something else is at work"
 BEHIND = "another predicts more, and something else is at work there"
+STARTS = "what it takes elsewhere it adds where a filter still tells of the start"
 UNSOLVED = "beside the effects of the model it has no answer in closed form"
 ELSE = NOTHING, ENDLESS  # reasons that something else is at work
 OPEN = TOO_FEW, *ELSE, BEHIND, UNSOLVED  # reasons that do not say that a candidate is not what is missing
@@ -73,7 +74,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     -------
     Diagnosis
     """
-    say, dataset = progress or (lambda text: None), dataset.settled(model, fit.parameters)
+    say, whole, dataset = progress or (lambda text: None), dataset, dataset.settled(model, fit.parameters)
     say("testing every candidate effect at every place")
     table = Table(dataset, model, fit)
     first_look.tell(say, table)
@@ -94,7 +95,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
         finding.outweighed_by = variable if share > LEFT else None
         return finding.varies_with is None and finding.outweighed_by is None
 
-    chosen = _chosen(dataset, model, fit, findings, rivals, base, steady, scores.single)
+    chosen = _chosen(dataset, whole, model, fit, findings, rivals, base, steady, scores.single)
     if chosen is not None:
         _explained_by(findings, chosen, scores)
     say("looking at what is left")
@@ -118,10 +119,11 @@ def _errors(dataset, model, fit):
             "test": errors(dataset, model, fit, "test") if dataset.is_test.any() else {}}
 
 
-def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
+def _chosen(dataset, whole, model, fit, findings, rivals, base, steady, noise):
     """The first finding that earns it on all samples as well: their fit reaches bounds that a trial does not.
 
-    Beside something else that is missing an interval may hold zero, and what stands in for a law that nobody knows may
+    Samples soon after a start are not settled where the model filters a torque: what it was before is not known. No
+    effect is fitted to them, yet one that is at work raises no error there. Beside something else that is missing an interval may hold zero, and what stands in for a law that nobody knows may
     have no best value. One that predicts less is not chosen in its stead.
     """
     refines, ahead = corrections(dataset.library), None
@@ -137,11 +139,19 @@ def _chosen(dataset, model, fit, findings, rivals, base, steady, noise):
             _give_way(findings, chosen, UNSOLVED)
             continue
         apart = fit_to_all(chosen, dataset, larger, model, fit, noise)
-        if apart and not endless(chosen.fit):
+        risen = whole is not dataset and _risen(whole, (model, fit), (larger, chosen.fit), base.usual)
+        if apart and not endless(chosen.fit) and not risen:
             return chosen
         ahead = ahead or chosen
-        _give_way(findings, chosen, ENDLESS if apart else NOTHING)
+        _give_way(findings, chosen, NOTHING if not apart else STARTS if risen else ENDLESS)
     return None
+
+
+def _risen(dataset, before, after, usual):
+    """Whether all channels together are further off on all moving samples, in units of their noise."""
+    one, other = (sum((e / u) ** 2 for e, u in zip(errors(dataset, *m, "all").values(), usual.ravel()))
+                  for m in (before, after))
+    return other > one
 
 
 def _predicts_less(one, other):
