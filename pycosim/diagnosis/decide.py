@@ -123,8 +123,9 @@ def _chosen(dataset, whole, model, fit, findings, rivals, base, steady, noise):
     """The first finding that earns it on all samples as well: their fit reaches bounds that a trial does not.
 
     Samples soon after a start are not settled where the model filters a torque: what it was before is not known. No
-    effect is fitted to them, yet one that is at work raises no error there. Beside something else that is missing an interval may hold zero, and what stands in for a law that nobody knows may
-    have no best value. One that predicts less is not chosen in its stead.
+    effect is fitted to them, yet one that is at work raises no error there. Beside something else that is missing an
+    interval may hold zero, and what stands in for a law that nobody knows may have no best value. One that predicts
+    less is not chosen in its stead.
     """
     refines, ahead = corrections(dataset.library), None
     for _ in range(len(rivals)):
