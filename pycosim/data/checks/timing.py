@@ -28,6 +28,14 @@ _AGED = 1.12
 _ALONE = 3.0
 """Factor by which a drift of one column of several of its kind must lower an error: they come from one device mostly,
 and friction at one of two motors may look like it."""
+_ALIKE, _AHEAD = 1.5, 0.1
+"""Where a drift leaves less than an ageing machine by that factor, it may also be told by leaving less than any delay,
+by this in the logarithm of the errors of all channels. Drifts put into seven sound logs: 1.8 to 20, and 0.17 to 1.5 in
+four of them; delays and other effects: at most 1.13, or a delay leaves less."""
+_DELAYED = (0.3, 0.5, 0.7)  # of what a drift makes at the end of a log, delays that are tried
+_ALL, _FALLS = 0.5, 1.02
+"""Of the most that a drift changes in any channel, that it changes in one whose error must fall too, and the least
+factor. Of the drifts of nine sound logs each channel's fell by 1.2 to 7; a preload that looked like one raised one."""
 _STRETCHES, _DELAYS, _OUT = 8, 33, 16.0
 """Parts of the time of the logs that each say how late columns come, out of so many delays; and squared residuals, over
 the square of their median, from which a sample counts no more."""
@@ -331,10 +339,36 @@ class Timing:
         alone = len(names) == 1 and any(names[0] in members and len(members) > 1 for members in self.group.values())
         if (alone and falls < _ALONE) or likelihood < _SURE or most < _APART or self._ageing(holds) < math.log(_AGED):
             return False
-        beside = np.abs(self._lags(names, 0.0, drift, holds)[1])
+        if not self._everywhere(names, drift, holds):
+            return False
+        return self._on_a_line(shifted, drifted) or (
+            self._ageing(holds) > math.log(_ALIKE) and self._before_delays(shifted, drifted))
+
+    def _on_a_line(self, shifted, drifted):
+        """Whether stretches of the log say that columns come the later the longer it is."""
+        names, _, drift, holds = drifted
+        most, beside = abs(drift) * self.length, np.abs(self._lags(names, 0.0, drift, holds)[1])
         stays = [np.abs(self._lags(names, s, 0.0, self.fitted(names, s, 0.0)[1])[1])
                  for s in (0.0, *([shifted[1]] if shifted else []), math.copysign(min(0.5 * most, _LATEST), drift))]
         return np.median(beside) < most / _KNOWN and all(np.mean(beside) < _CLOSER * np.mean(s) for s in stays)
+
+    def _before_delays(self, shifted, drifted):
+        """Whether a drift leaves less than each delay of the same columns."""
+        names, _, drift, _ = drifted
+        delays = [share * drift * self.length for share in _DELAYED]
+        delays += [shifted[1]] if shifted and shifted[0] == names else []
+        return all(self.fitted(names, d, 0.0)[0] - self.fitted(names, 0.0, drift)[0] > _AHEAD for d in delays)
+
+    def _everywhere(self, names, drift, drifted):
+        """Whether a drift lowers the error of each channel that it changes much: a clock is that of all its columns."""
+        sources, worst = with_change(self.sources, {n: Source(n, 1.0, 0.0, drift) for n in names}), math.inf
+        for k in (k for k in drifted if isinstance(self.relations[k], ModelRelation)):
+            relation, old, new = self.relations[k], self.holds[k], drifted[k]
+            one, other = (r[:, new.used] for r in self._residuals(relation, new, [self.sources, sources]))
+            changes = np.std(one - other, axis=1) / np.array([new.spread[c] for c in relation.channels])
+            worst = min([worst, *(old.smooth[c] / max(new.smooth[c], _TINY) for c, change in zip(
+                relation.channels, changes) if change >= _ALL * np.max(changes) and old.smooth[c] >= _SEEN)])
+        return worst > _FALLS
 
     def _ageing(self, drifted):
         """By how much less a drifting clock leaves than a machine that warms up: logarithm of the errors' ratio.
