@@ -51,7 +51,7 @@ much and predicts no better is disproved by no fewer than so many blocks."""
 MUCH, MEANT, SPIKE = 0.5, 0.4, 4.0
 """Of the most that an effect changes in any channel, from which a channel is asked how much of what changes there is
 what was missing. That is all of it for a law that is right: 0.75 to 1.4 on 66 logs of as many kinds, 0.6 to 1 for
-delays, which move noise as well. Of delays that fitted something else at one joint it was a tenth at the other. A sample
+delays, which move noise as well. Of delays that fitted something else at one joint it was a tenth at the other. What is
 further off than so many times the median counts as that far."""
 MATTERS = 0.05
 """Of the squared error of one channel, that an effect must take. The imperfect form of a larger one leaves as much:
