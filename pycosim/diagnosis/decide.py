@@ -164,12 +164,11 @@ def _risen(dataset, before, after, usual):
 
 def _meant(dataset, before, after):
     """Whether what a larger model changes in each channel is mostly what the smaller one lacks there."""
-    one, other = (dataset.residuals(model, fit.free, fit.parameters, "fit").residual(fit.values)
-                  for model, fit in (before, after))
-    sizes = np.median(np.abs(one + other), axis=1, keepdims=True)
-    changed, scale = one - other, after[1].weights[:, None] ** 2
-    changes = (scale * changed**2).sum(1)
-    falls = (scale * changed * np.clip(one + other, -SPIKE * sizes, SPIKE * sizes)).sum(1)
+    one, left = (dataset.residuals(model, fit.free, fit.parameters, "fit").residual(fit.values)
+                 for model, fit in (before, after))
+    most, changed = SPIKE * np.median(np.abs(left), axis=1, keepdims=True), one - left
+    changes = (changed**2).sum(1) * after[1].weights ** 2
+    falls = (changed * (changed + 2 * np.clip(left, -most, most))).sum(1) * after[1].weights ** 2
     return bool(np.all((falls >= MEANT * changes)[changes >= MUCH * changes.max()]))
 
 
