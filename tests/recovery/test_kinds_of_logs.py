@@ -200,6 +200,14 @@ def test_one_of_many_that_do_equally_well_is_no_name(tmp_path):
     assert f"pycosim add STUDY {'@'.join(best.key)}" in told[1] and result.first.unexplained is None
 
 
+@pytest.mark.parametrize("case", ["digital:presliding:1.7:10200", "outliers_01:presliding:1.3:12401"])
+def test_a_travel_at_one_stage_is_not_what_the_machine_has_everywhere(case, tmp_path):
+    """Of about the length that the rig's friction builds up over at each of its segments."""
+    first, last, found, shown = hidden(case, tmp_path)
+    place = "1A+2A" if case.startswith("digital") else "1A"
+    assert (first, last, found) == ("missing_effect", "nothing_missing", [("presliding", place)]), shown
+
+
 def test_a_reference_two_percent_off_is_found_beside_an_effect_and_its_alternatives_are_told(tmp_path):
     found = pc.open(make("reference_gain:configuration_preload:2.4:2600", tmp_path, quick=True)).improve()
     preload, gain = told(found.found)
