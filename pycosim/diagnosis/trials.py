@@ -49,11 +49,23 @@ def as_findings(table, scores):
         finding = Finding(candidate.effect.id, candidate.place.name, statistic=score.value - penalty)
         finding.p_value_single = float(np.exp(-score.surprise))
         finding.p_value = scores.family(score.surprise, score.scanned)
-        finer = scores.refined.get(candidate.key, score)
+        finer = _clearest(scores, score) if score.scanned else scores.refined.get(candidate.key, score)
         finding.start = start_of(finer.candidate, finer.coefficients)
         finding.predicted_error = scores.predicted(finer.candidate, finer.coefficients)
         findings.append(finding)
     return sorted(findings, key=lambda f: -f.statistic)
+
+
+def _clearest(scores, best):
+    """Of the numbers of cycles of one place that are more than chance, the one that leaves least.
+
+    Behind an encoder's steps the surest may be one that rounding knows little of, and that takes little.
+    """
+    sure = [s for s in scores.results if s.candidate.key == best.candidate.key and s.coefficients is not None
+            and scores.family(s.surprise, True) < LEVEL]
+    errors = {id(s): scores.predicted(s.candidate, s.coefficients) for s in sure}
+    return min(sure, key=lambda s: sum((w * errors[id(s)][c]) ** 2 for w, c in zip(
+        scores.weights, scores.table.channels)), default=best)
 
 
 def start_of(candidate, coefficients):

@@ -161,6 +161,12 @@ def test_a_change_of_a_loss_that_is_small_beside_the_inertia_is_found(case, tmp_
     assert (first, last, found) == ("missing_effect", "nothing_missing", [("thermal_drift", "guide")]), shown
 
 
+def test_of_ripples_that_are_more_than_chance_the_one_that_leaves_least_is_fitted(tmp_path):
+    """Rounding of a coarse encoder blurs most of what the true one takes, and little of one of half as many cycles more."""
+    first, last, found, shown = hidden("linear_digital:torque_ripple:1.3:12400", tmp_path)
+    assert (first, last, found) == ("missing_effect", "nothing_missing", [("torque_ripple", "motor")]), shown
+
+
 def test_an_effect_that_one_part_of_the_log_alone_tells_is_not_behind_one_that_stands_in_for_it(tmp_path):
     first, _, found, shown = hidden("geared_digital:torque_constant:1.7:1867", tmp_path)
     assert first == "missing_effect" and found[0] == ("torque_constant", "motor"), shown
