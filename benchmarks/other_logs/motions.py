@@ -164,7 +164,7 @@ def _replayed(q, pace):
 
 def _stopped(q, dt, at, lasts):
     """Slow down at a time, rest, and go on."""
-    time = np.arange(len(q) + int((lasts + 2 * STOPPING) / dt)) * dt
+    time = np.arange(len(q) + int((lasts + STOPPING) / dt)) * dt
     outside = abs(time - at - lasts / 2 - STOPPING) - lasts / 2
     return _replayed(q, _smooth(np.clip(outside, 0, STOPPING) / STOPPING))
 
