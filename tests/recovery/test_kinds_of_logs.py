@@ -162,7 +162,7 @@ def test_a_change_of_a_loss_that_is_small_beside_the_inertia_is_found(case, tmp_
 
 
 def test_of_ripples_that_are_more_than_chance_the_one_that_leaves_least_is_fitted(tmp_path):
-    """A coarse encoder's rounding blurs most of what the true one takes, and little of one of half as many cycles more."""
+    """A coarse encoder's rounding blurs what the true one takes, and little of one with half as many cycles more."""
     first, last, found, shown = hidden("linear_digital:torque_ripple:1.3:12400", tmp_path)
     assert (first, last, found) == ("missing_effect", "nothing_missing", [("torque_ripple", "motor")]), shown
 
