@@ -8,7 +8,7 @@
 - **blocked**: the check of the log stopped before physics was looked for.
 - **failed**: an error, or the limit of time or memory.
 
-A rig's own travel that is large enough to be seen may be named as presliding. Part of a joined place is its place.
+A rig's own travel that is large enough to be seen may be named as presliding.
 """
 
 from __future__ import annotations
@@ -39,8 +39,7 @@ def same(told, hidden):
         return effect in ("torque_offset", "direction_asymmetry")
     if hidden == ("low_pass", "C") and effect == "reference_lag":
         return True
-    inside = there == "system" or set(place.split("+")) <= set(there.split("+"))
-    return effect == true and (inside or place.startswith(CHANNELS.get(there, ())))
+    return effect == true and (there in ("system", place) or place.startswith(CHANNELS.get(there, ())))
 
 
 def score(row):

@@ -136,7 +136,7 @@ JUDGED = {
     "nothing is hidden and an effect said": (row(steps=["viscous@1A"]), "wrong"),
     "named": (row(["viscous@1A"], ["viscous@1A"]), "right"),
     "at another place": (row(["viscous@1A"], ["viscous@2A"]), "wrong"),
-    "at a part of its place": (row(["viscous@1A+2A"], ["viscous@2A"]), "right"),
+    "at a part of its place": (row(["viscous@1A+2A"], ["viscous@2A"]), "wrong"),
     "at more than its place": (row(["viscous@1A"], ["viscous@1A+2A"]), "wrong"),
     "everywhere": (row(["thermal_drift@system"], ["thermal_drift@1A+2A"]), "right"),
     "third alternative": (row(["viscous@1A"], ["a@1A|b@1A|c@1A|viscous@1A"]), "right"),
