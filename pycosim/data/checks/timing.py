@@ -28,11 +28,6 @@ _AGED = 1.12
 _ALONE = 3.0
 """Factor by which a drift of one column of several of its kind must lower an error: they come from one device mostly,
 and friction at one of two motors may look like it."""
-_ALIKE, _AHEAD = 1.5, 0.1
-"""Where a drift leaves less than an ageing machine by that factor, it may also be told by leaving less than any delay,
-by this in the logarithm of the errors of all channels. Drifts put into seven sound logs: 1.8 to 20, and 0.17 to 1.5 in
-four of them; delays and other effects: at most 1.13, or a delay leaves less."""
-_DELAYED = (0.3, 0.5, 0.7)  # of what a drift makes at the end of a log, delays that are tried
 _ALL, _FALLS = 0.5, 1.02
 """Of the most that a drift changes in any channel, that it changes in one whose error must fall too, and the least
 factor. Of the drifts of nine sound logs each channel's fell by 1.2 to 7; a preload that looked like one raised one."""
@@ -341,23 +336,10 @@ class Timing:
             return False
         if not self._everywhere(names, drift, holds):
             return False
-        return self._on_a_line(shifted, drifted) or (
-            self._ageing(holds) > math.log(_ALIKE) and self._before_delays(shifted, drifted))
-
-    def _on_a_line(self, shifted, drifted):
-        """Whether stretches of the log say that columns come the later the longer it is."""
-        names, _, drift, holds = drifted
-        most, beside = abs(drift) * self.length, np.abs(self._lags(names, 0.0, drift, holds)[1])
+        beside = np.abs(self._lags(names, 0.0, drift, holds)[1])
         stays = [np.abs(self._lags(names, s, 0.0, self.fitted(names, s, 0.0)[1])[1])
                  for s in (0.0, *([shifted[1]] if shifted else []), math.copysign(min(0.5 * most, _LATEST), drift))]
         return np.median(beside) < most / _KNOWN and all(np.mean(beside) < _CLOSER * np.mean(s) for s in stays)
-
-    def _before_delays(self, shifted, drifted):
-        """Whether a drift leaves less than each delay of the same columns."""
-        names, _, drift, _ = drifted
-        delays = [share * drift * self.length for share in _DELAYED]
-        delays += [shifted[1]] if shifted and shifted[0] == names else []
-        return all(self.fitted(names, d, 0.0)[0] - self.fitted(names, 0.0, drift)[0] > _AHEAD for d in delays)
 
     def _everywhere(self, names, drift, drifted):
         """Whether a drift lowers the error of each channel that it changes much: a clock is that of all its columns."""
