@@ -26,8 +26,8 @@ PART = 0.25
 """The same where something else is off there too: then it must be better than any other travel, delay or filter."""
 HALF, ALL = 0.5, 0.1
 """A machine has a travel at each of its segments: with half of its own everywhere at the least, no more than so much
-more may be left. Of ten machines with a travel everywhere that was at most 2 %, of three with one at one stage 18 to
-220."""
+more may be left. Of eight machines with a travel everywhere that was at most 0.7 %, of three with one at one stage or
+at two 37 to 388."""
 TIMES, LATE, LAGS = (0.25, 0.6, 1.6, LONGER, 3 * LONGER), (1, 2, 3, 4, 6, 8, 12, 16), (2, 4, 8)
 """Travels, over the model's own, delays and time constants of filters [samples] that it is compared with."""
 SEEN = 2.0  # times the squared noise, from which something is off at all
