@@ -75,6 +75,8 @@ class Condition:
         Hz.
     files : int
         How many files the log is cut into.
+    zeros : float
+        The encoders of the motors count from somewhere else in each file, by up to so much [rad].
     """
 
     says: str
@@ -86,6 +88,7 @@ class Condition:
     named: tuple = ()
     rate: float = 200.0
     files: int = 1
+    zeros: float = 0.0
     decisive: bool = True
 
 
@@ -135,6 +138,8 @@ CONDITIONS = {
     "pick_and_place": Condition("pick and place, one run", motion="pick_and_place"),
     "ordinary_digital": Condition("gait-like motion, encoders and currents in steps", {
         "joint_bits": BITS, "motor_bits": BITS, "current_bits": CURRENT}, motion="gait"),
+    "remounted": Condition("three runs, each with zeros of the motor encoders of its own", files=3, zeros=1.0,
+                           effects=("torque_ripple", "stribeck", "torque_ripple", "torque_offset")),
     "one_pass": Condition("one pass out and back", options={"speeds": (1.0,), "repeats": 1, "pairs": (("A", "B"),)},
                           decisive=False),
     "load_model": Condition("a right load model as reference", {"reference": "gravity_model"}, effects=(

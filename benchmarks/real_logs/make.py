@@ -86,11 +86,12 @@ def make(case, folder, quick=False):
     log = found.columns(truth)
     if case.condition in ("mistake", "poor"):
         log = mistakes.apply(case.what, log, case.seed)
-    names = []
+    names, rng = [], np.random.default_rng([case.seed, 7])
     pieces = _pieces(found, truth, about.files) if about.files > 1 else [slice(None)]
     for k, rows in enumerate(pieces, 1):
         names.append(f"run{k}.csv")
-        written(folder / names[-1], {n: x[rows] for n, x in log.items()})
+        zeros = {n: rng.uniform(-about.zeros, about.zeros) for n in found.plant.columns["theta"]} if about.zeros else {}
+        written(folder / names[-1], {n: x[rows] + zeros.get(n, 0.0) for n, x in log.items()})
     study = folder / "study.toml"
     study.write_text(_study(found, names))
     (folder / "truth.json").write_text(json.dumps({

@@ -94,6 +94,11 @@ class Effect:
     by_name: str = ""
 
     @property
+    def phases(self):
+        """Coefficients of a periodic effect that say where its angle began to count: a list of str."""
+        return [c for c, kind in self.scan.items() if kind == "quadrature" and "cycles" in self.scan.values()]
+
+    @property
     def ports(self):
         """Connectors that a component must have to be a place; the partner of a pair is another component."""
         return {n: kind for n, kind in self.connectors.items() if n != PARTNER}

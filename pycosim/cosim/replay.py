@@ -89,7 +89,7 @@ def replay(dataset, model, parameters):
     period = float(np.median(np.diff(dataset.time)))
     block = estimator(model, {n: parameters[n] for n in model.parameters}, period)
     inputs = {v.name: _signal(dataset, signals, v.name) for v in block.inputs}
-    estimates = _stepped(block, inputs, names, dataset, period)
+    estimates = _stepped(block, inputs, names, dataset, period, _of_runs(dataset, model, parameters))
     found = {}
     for name, estimate in zip(names, estimates):
         error = _reference(dataset, model, parameters, name) - estimate
@@ -109,7 +109,17 @@ def _signal(dataset, signals, name):
     return found
 
 
-def _stepped(block, inputs, outputs, dataset, period):
+def _of_runs(dataset, model, parameters):
+    """By run: parameters that have a value of their own there."""
+    found = {}
+    for name, runs in dataset.parameters.own(model).items():
+        for run, own in runs.items():
+            if own in parameters:
+                found.setdefault(run, {})[name] = parameters[own]
+    return found
+
+
+def _stepped(block, inputs, outputs, dataset, period, of_runs):
     """Outputs (outputs, n) of a block's FMU: a communication step a sample, a new instance a run."""
     found = np.empty((len(outputs), len(dataset.time)))
     rows = np.array(list(inputs.values())).T
@@ -117,6 +127,7 @@ def _stepped(block, inputs, outputs, dataset, period):
     for run in np.unique(dataset.run):
         part = np.flatnonzero(dataset.run == run)
         start = {v.name: dataset.time[part[0]] for v in block.states if v.name == "clock"}
+        start |= of_runs.get(int(run), {})
         with ExitStack() as stack:
             path = _exported(key, 2, stack, lambda folder: export_block(block, folder, 2))
             fmu = _Fmu(Component("estimator", "fmu", str(path), Fraction(1), start=start), path, stack)

@@ -379,7 +379,7 @@ class Dataset:
         runs, of_run = np.unique(fitted.run, return_inverse=True)
         # a log's blocks share its conditions: with enough logs, a fold is left out log by log, unless
         # parameters have values of their own there, of which a log left out would tell nothing
-        self.by_run = len(runs) >= 4 and not self.study.own
+        self.by_run = len(runs) >= 4 and not self.study.own_values(self.library)
         self.fold[~self.is_test] = of_run % FOLDS if self.by_run else segmentation.folds(fitted, FOLDS)
 
     def shortcomings(self):
@@ -542,7 +542,7 @@ class Dataset:
         picks = self.picks(part)
         index = picks[0][1]
         own = {name: (of, self.run[index] == run) for of, runs in self.parameters.own(model).items()
-               for run, name in runs.items()}
+               for run, name in runs.items() if name in free or name in parameters}
         if len(index) < len(free) + 2:
             raise DataError(f"{self.logs[0].path}: only {len(index)} usable samples for {len(free)} free parameters; "
                             "record a longer log with motion in both directions")

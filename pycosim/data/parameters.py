@@ -34,6 +34,22 @@ def fewest_cycles(number, travel):
     return max(number.min, 1.0 if number.unit == "1" and 0.5 < turns < 1 else 1 / turns)
 
 
+def phases(model):
+    """Phases of the ripples of a model.
+
+    Parameters
+    ----------
+    model : Model
+        With whatever effects are attached.
+
+    Returns
+    -------
+    list of str
+        Names of parameters.
+    """
+    return [f"{component_name(effect, place)}.{c}" for effect, place in model.attached for c in effect.phases]
+
+
 class Parameters:
     """What study and logs say of the parameters of models of one rig.
 
@@ -90,7 +106,8 @@ class Parameters:
         -------
         dict of str to dict of int to str
             By parameter: the number of each run, and the name of the parameter's value there, as ``zero_H[monday]``.
-            Nothing where one run alone is fitted.
+            Nothing where one run alone is fitted. Phases of ripples may be another in each of several runs, held-out
+            ones included: no log says where an encoder began to count.
 
         Raises
         ------
@@ -98,7 +115,7 @@ class Parameters:
             Such a parameter is fixed, or a friction state, a delay or a filter depends on it.
         """
         wanted = [n for n in self.study.own_parameters(self.data.library) if n in model.parameters]
-        if not wanted or "is_test" not in vars(self.data):  # runs are not cut yet
+        if not (wanted or phases(model)) or "is_test" not in vars(self.data):  # runs are not cut yet
             return {}
         return self.data.memo(("parameters.own", model.key), lambda: self._own(model, wanted))
 
@@ -113,13 +130,19 @@ class Parameters:
             if name in behind:
                 raise StudyError(f"{where}: a friction state, a delay or a filter depends on '{name}', which has one "
                                  "value for all runs; take it out of own, or give each run a study of its own")
-        runs = np.unique(self.data.blocks.run[~self.data.is_test])
-        if len(runs) < 2:
-            return {}
-        names = [self.data.logs[k].name for k in runs]
-        stems = [name.rpartition(".")[0].replace(".", "_") or name for name in names]
-        labels = [s if stems.count(s) == 1 else f"{s}#{k + 1}" for k, s in zip(runs, stems)]
-        return {name: {int(k): f"{name}[{label}]" for k, label in zip(runs, labels)} for name in wanted}
+        fitted, labels = self._fitted_runs(), self.labels
+        free = [n for n in phases(model) if not (self.study.parameters.get(n) and self.study.parameters[n].fixed)]
+        return {**{n: {int(k): f"{n}[{labels[k]}]" for k in fitted} for n in wanted if len(fitted) > 1},
+                **{n: {k: f"{n}[{label}]" for k, label in enumerate(labels)} for n in free if len(labels) > 1}}
+
+    @property
+    def labels(self):
+        """What a value of a run is named after, as ``monday`` in ``zero_H[monday]``: a list of str, one a run."""
+        stems = [log.name.rpartition(".")[0].replace(".", "_") or log.name for log in self.data.logs]
+        return [s if stems.count(s) == 1 else f"{s}#{k + 1}" for k, s in enumerate(stems)]
+
+    def _fitted_runs(self):
+        return np.unique(self.data.blocks.run[~self.data.is_test])
 
     def along(self, model, names, values):
         """Parameters along the log, where runs may have values of their own.
@@ -205,13 +228,15 @@ class Parameters:
         """
         return {n: s.value for n, s in self.study.parameters.items() if s.value is not None and n in model.parameters}
 
-    def free(self, model):
+    def free(self, model, start=()):
         """Free parameters: those the study names and does not fix, encoder zeros, and the attached effects' own.
 
         Parameters
         ----------
         model : Model
             Of the study's rig, with whatever effects are attached.
+        start : collection of str
+            Parameters that have a value already: a ripple has a phase in each run where the study says so or these do.
 
         Returns
         -------
@@ -222,6 +247,9 @@ class Parameters:
         for effect, place in model.attached:
             named += [n for n in model.effect_parameters(effect, place)
                       if n not in named and not (self.study.parameters.get(n) and self.study.parameters[n].fixed)]
-        own = self.own(model)
-        named += [n for n in self.study.own_parameters(self.data.library) if n in model.parameters and n not in named]
-        return [value for n in named for value in (own[n].values() if n in own else [n])]
+        asked = [n for n in self.study.own_parameters(self.data.library) if n in model.parameters]
+        own = {n: runs for n, runs in self.own(model).items() if n in asked or not set(runs.values()).isdisjoint(start)}
+        named += [n for n in asked if n not in named]
+        fitted = set(self._fitted_runs()) if own else ()
+        return [value for n in named for value in (
+            [v for k, v in own[n].items() if k in fitted] if n in own else [n])]

@@ -16,6 +16,7 @@ from ..core.errors import StudyError
 from ..data.frames import Frame
 from ..data.logs import read_log
 from ..data.noise import fit_noise
+from ..data.parameters import phases
 from ..fit import least_squares
 from .compare import errors
 from .dependence import stretches
@@ -138,12 +139,14 @@ def refuse_nothing(study, model):
 
 
 def frozen(dataset, model):
-    """A model with the study's values; the zeros of joint encoders alone are found from the log.
+    """A model with the study's values; where encoders began to count alone is found from the log.
+
+    That is the zeros of joint encoders, and the phases of ripples that the study says are another in each run.
 
     Parameters
     ----------
     dataset : Dataset
-        Gives the samples that the zeros are found from.
+        Gives the samples that zeros and phases are found from.
     model : Model
         Of the study's rig, with all its effects or without some.
 
@@ -151,8 +154,11 @@ def frozen(dataset, model):
     -------
     Fit
     """
-    zeros = [n for n in dataset.zeros if n in dataset.parameters.free(model)]
-    return least_squares.fit(dataset, model, free=zeros, part="all")
+    asked, own = dataset.study.own_parameters(dataset.library), dataset.parameters.own(model)
+    counted = [n for n in dataset.zeros if n in dataset.parameters.free(model)]
+    for name in (n for n in phases(model) if n in asked):
+        counted += own[name].values() if name in own else [name]
+    return least_squares.fit(dataset, model, free=counted, part="all")
 
 
 def confirm(dataset, seed=0, progress=None):

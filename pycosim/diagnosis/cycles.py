@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import finufft
 import numpy as np
+from scipy.special import gammaincc
 
 from ..data.noise import contiguous
 from ..data.parameters import fewest_cycles
@@ -77,10 +78,10 @@ def ripples(table, noise, draws, rng, first=0):
         cycles = _cycles(table, contribution, place)
         if not len(cycles):
             continue
-        value, chance = _scan(table, scores, contribution, place, cycles, signs)
-        found.chance = np.maximum(found.chance, chance / 2)
-        for peak in _peaks(cycles, value):
-            _add(table, found, contribution, place, peak, first)
+        surprise, chance = _scan(table, scores, contribution, place, cycles, signs)
+        found.chance = np.maximum(found.chance, chance)
+        for peak in _peaks(cycles, surprise):
+            _add(table, found, contribution, place, peak, first, scores.runs)
     return found
 
 
@@ -98,12 +99,15 @@ class _Scores:
         What each stretch moves the free parameters by.
     stretch : ndarray of int, shape (n,)
         Stretch of each sample.
+    runs : list of ndarray of int
+        Stretches of each run.
     """
 
     drives: list
     base: list
     absorbed: np.ndarray
     stretch: np.ndarray
+    runs: list
 
     @property
     def stretches(self):
@@ -124,7 +128,9 @@ class _Scores:
         stretch = _stretches(contiguous(table.time, table.group), len(table.time))
         count = stretch.max() + 1
         sums = [np.bincount(stretch, sum(s[k] * d for s, d in zip(table.slope, drives)), count) for k in range(p)]
-        return cls(drives, base, inverse @ np.reshape(sums, (p, count)), stretch)
+        of_run = table.run[np.unique(stretch, return_index=True)[1]]
+        runs = [np.flatnonzero(of_run == k) for k in np.unique(of_run)]
+        return cls(drives, base, inverse @ np.reshape(sums, (p, count)), stretch, runs)
 
 
 def _stretches(pieces, n):
@@ -167,7 +173,10 @@ def _cycles(table, contribution, place):
 
 
 def _scan(table, scores, contribution, place, cycles, signs):
-    """Statistic of every number of cycles, and the largest that each draw of signs gives.
+    """Surprise of every number of cycles, and the largest that each draw of signs gives.
+
+    An encoder may count from somewhere else after each start, and the phase is another in each run then: the more
+    surprising of both counts, one phase for all runs or one in each, in what is found and in the draws.
 
     What the base model's parameters would take over of a stretch is subtracted from it: the residual of a fit lacks
     that too, and flipped stretches shall vary as that residual does.
@@ -175,7 +184,8 @@ def _scan(table, scores, contribution, place, cycles, signs):
     angles = _angles(table, contribution, place)
     drive = _Fourier.of(table, angles, scores.drives, scores.stretch)
     shared = [_Fourier.of(table, angles, b, np.zeros_like(scores.stretch)) for b in scores.base]
-    values, largest = [], np.zeros(len(signs), dtype=np.float32)
+    families = [[np.arange(scores.stretches)], *([scores.runs] if len(scores.runs) > 1 else [])]
+    values, largest = [[] for _ in families], np.zeros((len(families), len(signs)), dtype=np.float32)
     for k in range(0, len(cycles), _CHUNK):
         some = cycles[k:k + _CHUNK]
         sums = drive(some)
@@ -183,11 +193,17 @@ def _scan(table, scores, contribution, place, cycles, signs):
         if shared:
             sums -= scores.absorbed.T @ np.concatenate([s(some) for s in shared])
         sums[:, (np.abs(sums) ** 2).sum(0) <= ABSORBED * raw] = 0.0
-        one, other = _uncorrelated(sums)
-        values.append(one.sum(0) ** 2 + other.sum(0) ** 2)
-        chance = (signs @ one) ** 2 + (signs @ other) ** 2
-        largest = np.maximum(largest, chance.max(axis=1))
-    return np.concatenate(values), largest
+        for told, most, family in zip(values, largest, families):
+            parts = [(r, _uncorrelated(sums[r])) for r in family]
+            told.append(sum(v.sum(0) ** 2 for _, both in parts for v in both))
+            np.maximum(most, sum((signs[:, r] @ v) ** 2 for r, both in parts for v in both).max(axis=1), out=most)
+    return (np.max([_surprise(f(v), len(family)) for v, family in zip(which, families)], axis=0)
+            for f, which in ((np.concatenate, values), (np.asarray, largest)))
+
+
+def _surprise(value, runs):
+    """Minus logarithm of the single p-value of a statistic with a sine and a cosine in each of so many runs."""
+    return value / 2 if runs == 1 else -np.log(gammaincc(runs, value / 2) + 1e-320)
 
 
 def _uncorrelated(sums):
@@ -231,10 +247,10 @@ class _Fourier:
                                           nthreads=1) for a, b in zip(self.edges[:-1], self.edges[1:])])
 
 
-def _peaks(cycles, value):
+def _peaks(cycles, surprise):
     """Numbers of cycles of the highest peaks, more than one cycle over the travel apart."""
     found = []
-    for k in np.argsort(-value):
+    for k in np.argsort(-surprise):
         if all(abs(cycles[k] - n) * STEP > cycles[1] - cycles[0] for n in found):
             found.append(float(cycles[k]))
         if len(found) == PEAKS or len(cycles) < 2:
@@ -242,15 +258,19 @@ def _peaks(cycles, value):
     return found
 
 
-def _add(table, found, contribution, place, cycles, first):
-    """Candidate of a ripple with its two columns."""
+def _add(table, found, contribution, place, cycles, first, runs):
+    """Candidates of a ripple: with its two columns, and with two in each run."""
     frequency, quadrature = _periodic(contribution.effect)
     columns = [sum(table.column(contribution, c, {frequency: cycles, quadrature: phase})[0] for c in place.components)
                for phase in (0.0, np.pi / 2)]
-    start = first + len(found.columns)
-    found.columns += columns
     bound = table.described(contribution)[contribution.coefficients[0]].max
-    found.candidates.append(Candidate(
-        contribution.effect, place, {frequency: cycles, quadrature: 0.0}, [[start], [start + 1]],
-        [contribution.coefficients[0]], np.full(2, -bound), np.full(2, bound),
-        {"scanned": True, "phase": quadrature}))
+    numbers = np.unique(table.run)
+    apart = [c * (table.run == k) for k in numbers for c in columns]
+    labels = [table.dataset.parameters.labels[k] for k in numbers]
+    for parts, own in [(columns, []), *([(apart, labels)] if len(runs) > 1 else [])]:
+        start, many = first + len(found.columns), len(parts)
+        found.columns += parts
+        found.candidates.append(Candidate(
+            contribution.effect, place, {frequency: cycles, quadrature: 0.0}, [[start + k] for k in range(many)],
+            [contribution.coefficients[0]], np.full(many, -bound), np.full(many, bound),
+            {"scanned": True, "phase": quadrature, "runs": own}))

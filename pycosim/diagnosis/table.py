@@ -132,12 +132,13 @@ class Table:
         self.thin = max(1, int(np.ceil(whole.n / most))) | 1  # odd, so that an average has its sample in the middle
         whole = whole.thin(self.thin) if self.thin > 1 else whole
         self.time, self.group, self.block, self.chain = whole.time, whole.group, whole.block, whole.chain
+        self.run = self.dataset.run[self.dataset.picks(self.part)[0][1]][::self.thin]
         p = len(self.fit.free)
         self.responses = []
         for k, term in enumerate(whole.terms({**parameters}, whole.of_states)):
             single = Residuals(whole.question, whole.channels, np.zeros_like(whole.measured),
                                lambda values, wrt, k=k: [whole.terms(values, wrt)[k]], free, parameters,
-                               whole.time, whole.group, whole.block, held=whole.held)
+                               whole.time, whole.group, whole.block, held=whole.held, own=whole.own)
             slope = np.concatenate([j for _, _, j in single.blocks(x)], axis=2)
             self.responses.append(slope[:, p:])
             self.slope = slope[:, :p] if k == 0 else self.slope + slope[:, :p]

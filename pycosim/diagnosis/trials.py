@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtrc
 
 from ..compile import compile_model, component_name, find_effect, find_place
 from ..core.errors import NoAnswerError, PycosimError
@@ -61,11 +62,20 @@ def _clearest(scores, best):
 
     Behind an encoder's steps the surest may be one that rounding knows little of, and that takes little.
     """
-    sure = [s for s in scores.results if s.candidate.key == best.candidate.key and s.coefficients is not None
-            and scores.family(s.surprise, True) < LEVEL]
+    mine = [s for s in scores.results if s.candidate.key == best.candidate.key and s.coefficients is not None]
+    shared = [s for s in mine if not s.candidate.extra["runs"]]
+    sure = [s for s in mine if scores.family(s.surprise, True) < LEVEL and _turns(s, shared)]
     errors = {id(s): scores.predicted(s.candidate, s.coefficients) for s in sure}
     return min(sure, key=lambda s: sum((w * errors[id(s)][c]) ** 2 for w, c in zip(
         scores.weights, scores.table.channels)), default=best)
+
+
+def _turns(score, shared):
+    """Whether a phase in each run takes more than chance beside one for all, at the same number of cycles."""
+    if not score.candidate.extra["runs"]:
+        return True
+    one = next(s for s in shared if s.candidate.grid == score.candidate.grid)
+    return chdtrc(len(score.coefficients) - len(one.coefficients), max(score.value - one.value, 0.0)) < LEVEL
 
 
 def start_of(candidate, coefficients):
@@ -88,8 +98,11 @@ def start_of(candidate, coefficients):
     if coefficients is None:
         return {f"{base}.{n}": v for n, v in values.items()}
     if candidate.extra.get("scanned"):
-        values[candidate.names[0]] = float(np.hypot(*coefficients))
-        values[candidate.extra["phase"]] = float(np.arctan2(coefficients[1], coefficients[0]))
+        sine, cosine = np.reshape(coefficients, (-1, 2)).T
+        phase, turned = candidate.extra["phase"], np.arctan2(cosine, sine)
+        values[candidate.names[0]] = float(np.sqrt(np.mean(sine ** 2 + cosine ** 2)))
+        values[phase] = float(least_squares.around(turned))
+        values.update({f"{phase}[{run}]": float(v) for run, v in zip(candidate.extra["runs"], turned)})
     else:
         values.update({n: float(v) for n, v in zip(candidate.names, coefficients) if n not in effect.scan})
     return {f"{base}.{n}": v for n, v in values.items()}
@@ -343,7 +356,7 @@ def _lesser(dataset, one, other):
 def _coefficients(model, fit, attached=None):
     """Values, intervals and units of an effect's coefficients, by default of the last attached one's."""
     base = component_name(*(attached or model.attached[-1]))
-    return {n.split(".", 1)[1]: {"value": fit.parameters[n], "ci95": fit.interval(n), "unit": model.parameters[n].unit}
+    return {n.split(".", 1)[1]: {"value": fit.parameters[n], "ci95": fit.interval(n), "unit": fit.variables[n].unit}
             for n in fit.free if n.startswith(base + ".")}
 
 

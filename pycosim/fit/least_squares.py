@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import least_squares, linprog
 from scipy.special import stdtrit  # quantiles of Student's t; scipy.stats takes half a second to import
 
-from ..compile import component_name
 from ..core.errors import NoAnswerError
 from ..data.noise import fit_noise
+from ..data.parameters import phases
 from ..data.residuals import huber
 from ..data.scatter import weights as channel_weights
 from . import late
@@ -59,6 +59,9 @@ class Fit:
     own : dict of str to list of str
         Parameters with a value of their own in each run, and the names of those values among ``free``; under its own
         name such a parameter has their mean, for runs that were not fitted.
+    turning : list of str
+        Phases of ripples, whose mean is that of directions. Of a run that is held out the phase is that which leaves
+        least there: nothing else tells it.
     apart : dict of str to float
         Values that the data rule out although an interval, which takes the model as straight, reaches beyond them: of a
         product, one factor may have any size but none at all. Intervals end there.
@@ -82,6 +85,7 @@ class Fit:
     apart: dict = field(default_factory=dict)
     profiles: dict = field(default_factory=dict)
     own: dict = field(default_factory=dict)
+    turning: list = field(default_factory=list)
 
     @property
     def stderr(self):
@@ -183,8 +187,31 @@ class Fit:
         -------
         float
             Standard deviation of the fitted values, in the parameter's unit: what an unseen run may be off its mean.
+            Of phases, the shorter way round. NaN where one run alone was fitted.
         """
-        return float(np.std([self.parameters[n] for n in self.own[name]], ddof=1))
+        if len(self.own[name]) < 2:
+            return float("nan")
+        away = np.array([self.parameters[n] for n in self.own[name]])
+        if name in self.turning:
+            away = np.angle(np.exp(1j * (away - self.parameters[name])))
+        return float(np.std(away, ddof=1))
+
+    def unseen(self, name):
+        """Values of a phase in the runs that were not fitted, each found from its run: nothing else tells it.
+
+        Parameters
+        ----------
+        name : str
+            A parameter of `own`.
+
+        Returns
+        -------
+        dict of str to float, or None
+            By their names; None of a parameter whose mean stands for such runs.
+        """
+        if name not in self.turning:
+            return None
+        return {n: v for n, v in self.parameters.items() if n.startswith(f"{name}[") and n not in self.own[name]}
 
     def draw(self, n, bounded=True, seed=0):
         """Parameter sets that the data allow, for simulators that vary their machines.
@@ -283,13 +310,16 @@ def _fit(dataset, model, start, free, part, robust, most, noise, held):
     robust = dataset.study.robust if robust is None else robust
     variables = dataset.parameters.variables(model)
     parameters = {**{n: v.value for n, v in variables.items()}, **dataset.parameters.values(model), **(start or {})}
-    free = dataset.parameters.free(model) if free is None else list(free)
+    free = dataset.parameters.free(model, start or ()) if free is None else list(free)
+    own, turning = dataset.parameters.own(model), phases(model)
+    for name in (n for runs in own.values() for n in runs.values()):  # what one run has and this fit does not
+        if name not in free and name not in (start or {}):
+            parameters.pop(name, None)
     problem = dataset.residuals(model, free, parameters, part)
     weights = channel_weights(dataset)
     x = np.array([_inside(parameters[n], variables[n]) for n in free])
-    own = dataset.parameters.own(model)
-    phases = [n for n in _phases(model, own) if n in free and n not in (start or {})]
-    x = _turned(problem, x, phases, weights, variables)
+    apart = [n for name in turning for n in own.get(name, {}).values() if n in free]
+    x = _turned(problem, x, [n for n in apart if n not in (start or {})], weights, variables)
     skip = max(1, problem.n // most) if most else 1
     if skip > 1:
         problem = problem.thin(skip)
@@ -308,17 +338,45 @@ def _fit(dataset, model, start, free, part, robust, most, noise, held):
     found = result(problem, slope, residual, gram, x, free, variables, weights, noise, robust)
     for k in (free.index(n) for n in held if n in free):  # what is left pulls at it, but not to where less is left
         found.unbounded[k] = found.values[k]
+    found.turning = turning
     for name, runs in own.items():
-        if all(n in free for n in runs.values()):
-            found.own[name] = list(runs.values())
-            found.parameters[name] = float(np.mean([found.parameters[n] for n in found.own[name]]))
+        found.own |= {name: fitted} if (fitted := [n for n in runs.values() if n in free]) else {}
+    for name in found.own:
+        of_runs = [found.parameters[n] for n in found.own[name]]
+        found.parameters[name] = around(of_runs) if name in turning else float(np.mean(of_runs))
+    unseen = {name: [n for n in own[name].values() if n not in free] for name in turning if name in found.own}
+    found.parameters |= _turned_to(dataset, model, found, unseen)
     return found
 
 
-def _phases(model, own):
-    """Phases of sines that are another in each run."""
-    return [n for effect, place in model.attached for c, kind in effect.scan.items() if kind == "quadrature"
-            for n in own.get(f"{component_name(effect, place)}.{c}", {}).values()]
+def around(angles):
+    """Mean of angles that go round: where the sum of their directions points.
+
+    Parameters
+    ----------
+    angles : sequence of float
+        [rad]
+
+    Returns
+    -------
+    float
+        From -pi to pi [rad].
+    """
+    return float(np.angle(np.exp(1j * np.asarray(angles)).sum()))
+
+
+def _turned_to(dataset, model, fit, unseen):
+    """Phases in the runs that are held out, where each run has one: nothing but the run itself can tell.
+
+    ``unseen`` holds, by phase, its names in these runs.
+    """
+    names = [n for of_runs in unseen.values() for n in of_runs]
+    if not names or not dataset.is_test.any():
+        return {}
+    start = {n: fit.parameters.get(n, fit.parameters[name]) for name, of_runs in unseen.items() for n in of_runs}
+    problem = dataset.residuals(model, names, {**fit.parameters, **start}, "test")
+    x = _turned(problem, np.array(list(start.values())), names, fit.weights, fit.variables)
+    return dict(zip(names, map(float, _solve(lambda z: problem.gram(z, fit.weights), x, names, fit.variables, 20))))
 
 
 def _turned(problem, x, phases, weights, variables):

@@ -57,7 +57,7 @@ class Confirmation(Recorded):
         """
         from ..cosim.replay import before_and_after  # fmpy takes a while to import
         project.check().refuse()
-        project.study.refuse_own("confirm")
+        project.study.refuse_own("confirm", project.library)
         dataset = project.dataset
         found = confirm.confirm(dataset, project.study.seed, project.say)
         record: dict[str, Any] = records.confirmation(found, before_and_after(dataset, project.say), dataset.units)

@@ -414,7 +414,7 @@ class Fitted(Recorded):
     @cached_property
     def _diagnosis(self) -> Diagnosis:
         self.project.check().refuse()
-        self.project.study.refuse_own("diagnose")
+        self.project.study.refuse_own("diagnose", self.project.library)
         found = search.diagnosed(self.dataset, self.model, self.solution, self.project.study.seed,
                                  self.project.saying(self))
         if found.winner is not None and self.dataset.is_test.any():
@@ -458,7 +458,8 @@ class Fitted(Recorded):
         study = replace(self.project.study, effects=[(e.id, p.name) for e, p in self.model.attached])
         name, places = search.addable(study, self.project.library, self.model, text)
         # a diagnosis says nothing of an effect that stands in no ranking, and knows no parameters of single runs
-        asked = not (self.project.study.own or find_effect(self.project.library, name).by_name)
+        library = self.project.library
+        asked = not (self.project.study.own_values(library) or find_effect(library, name).by_name)
         found = effect.diagnosis.found if isinstance(effect, Candidate) else self.diagnose().found if asked else None
         made = search.add(self.dataset, self.model, self.solution, name, places, found, self.project.say)
         if made is None:

@@ -354,7 +354,7 @@ class Project(Shown):
         """
         self.check().refuse()
         dataset = self.dataset
-        self.study.refuse_own("improve")
+        self.study.refuse_own("improve", self.library)
         made = Search(self, search.improve(dataset, self.model, self.study.seed, self.saying()))
         finish(self.say)
         return made

@@ -89,7 +89,7 @@ def parameters(fit, model, seed):
         Beyond the contract: ``thresholds``, what decided, with which value; ``stderr``, ``fixed`` (what was not
         fitted), ``weak_directions`` and ``conditional`` (something unknown is missing beside these values, and
         intervals are as wide as blocks differ), and ``own``: of a parameter with a value of its own in each run, their
-        names, their mean and their standard deviation.
+        names, their mean, their standard deviation and, ``unseen``, what was found for runs that were not fitted.
     """
     found = {}
     for name in fit.free:
@@ -98,9 +98,9 @@ def parameters(fit, model, seed):
                        "stderr": fit.stderr[fit.free.index(name)] if fit.identifiable(name) else None,
                        "description": fit.variables[name].description}
     fixed = {n: {"value": v, "unit": fit.variables[n].unit} for n, v in fit.parameters.items()
-             if n not in fit.free and n in fit.variables and n not in fit.own}
+             if n not in fit.free and n in fit.variables and n not in fit.own and "[" not in n}
     own = {n: {"runs": runs, "mean": fit.parameters[n], "between_runs": fit.between_runs(n),
-               "unit": fit.variables[n].unit} for n, runs in fit.own.items()}
+               "unit": fit.variables[n].unit, "unseen": fit.unseen(n)} for n, runs in fit.own.items()}
     owners = {component_name(e, p): p.components[0] for e, p in model.attached if len(p.components) == 1}
     return plain({"schema": SCHEMA, "parameters": found, "null_directions": null_directions(fit, owners),
                   "weak_directions": weak_directions(fit), "error": fit.error,
@@ -274,4 +274,7 @@ def improved_study(study, model, fit):
     for effect, place in model.attached:  # other logs have other means, and would make other coefficients of the fitted
         for name in (f"{component_name(effect, place)}.{n}" for n in effect.means):
             settings[name] = Setting(value=float(f"{fit.parameters[name]:.9g}"), fixed=True)
-    return replace(study, effects=model.keys, parameters=settings)
+    turning = [f"{effect.id}@{place.name}.{c}" for effect, place in model.attached for c in effect.phases
+               if f"{component_name(effect, place)}.{c}" in fit.own]
+    own = [*study.own, *(text for text in turning if text not in study.own)]
+    return replace(study, effects=model.keys, parameters=settings, own=own)

@@ -260,9 +260,15 @@ def summary_parameters(result):
     directions = list(dict.fromkeys(d["text"] for d in result["null_directions"]))
     lines += [f"Not determined: {t}." for t in directions]
     lines += [f"Weak: {d['text']}." for d in result["weak_directions"]]
-    lines += [f"{n} has a value of its own in each run: mean {number(o['mean'])}, standard deviation between runs "
-              f"{number(o['between_runs'])}{'' if o['unit'] == '1' else ' ' + o['unit']}; a run that was not fitted is "
-              "predicted with the mean." for n, o in result.get("own", {}).items()]
+    for name, own in result.get("own", {}).items():
+        unit = "" if own["unit"] == "1" else f" {own['unit']}"
+        unseen = own.get("unseen")  # none for any but a phase
+        found = ", ".join(f"{n} {number(v)}{unit}" for n, v in (unseen or {}).items())
+        spread = own["between_runs"]
+        between = "" if spread is None else f", standard deviation between runs {number(spread)}{unit}"
+        lines.append(f"{name} has a value of its own in each run: mean {number(own['mean'])}{between}; " + (
+                         "a run that was not fitted is predicted with the mean." if unseen is None else
+                         f"a run that was not fitted has what leaves least there{': ' * bool(found)}{found}."))
     error = errors_text(result["error"], result["units"])
     lines.append(f"Error on the fitted passes: {error} (RMSE of moving samples).")
     return lines

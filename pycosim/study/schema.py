@@ -363,21 +363,42 @@ class Study:
             found.append(f"{component_name(effect, find_place(library, self.rig, effect, place))}.{coefficient}")
         return found
 
-    def refuse_own(self, verb):
+    def own_values(self, library):
+        """What has a value of its own in each run for another reason than where an encoder began to count.
+
+        Parameters
+        ----------
+        library : Library
+            Where the effects are looked up.
+
+        Returns
+        -------
+        list of str
+            Of `own`, without phases of ripples.
+        """
+        def turns(text):
+            effect, at, rest = text.partition("@")
+            return at and rest.rpartition(".")[2] in find_effect(library, effect).phases
+        return [text for text in self.own if not turns(text)]
+
+    def refuse_own(self, verb, library=None):
         """Refuse what does not know that a parameter may differ from run to run.
 
         Parameters
         ----------
         verb : str
             What was asked for.
+        library : Library, optional
+            Where effects are looked up for a verb that knows phases of ripples, if nothing else of that kind.
 
         Raises
         ------
         StudyError
             The study has such parameters.
         """
-        if self.own:
-            raise StudyError(f"{self.path}: '{verb}' does not take into account that {self.own[0]} has a value of its "
+        names = self.own if library is None else self.own_values(library)
+        if names:
+            raise StudyError(f"{self.path}: '{verb}' does not take into account that {names[0]} has a value of its "
                              "own in each run; compare, identify and add do: use these, or take [fit] own out")
 
     def validate(self, library):

@@ -1,5 +1,6 @@
 """Parameters with a value of their own in each run: each is found with its interval, an unseen run has their mean."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.hidden_effects import machine as rig
+from pycosim.cli.entry import main
 from pycosim.compile import Library
 from pycosim.core.errors import StudyError
 from pycosim.data.dataset import Dataset
@@ -109,4 +111,37 @@ def test_what_cannot_differ_from_run_to_run_is_refused_in_one_sentence(offsets, 
         given = Dataset(replace(dataset.study, effects=[("presliding", "1A")], own=["presliding@1A.travel"]), LIBRARY)
         given.parameters.free(Dataset(replace(dataset.study, effects=[("presliding", "1A")], own=[]), LIBRARY).base)
     with pytest.raises(StudyError, match="'diagnose' does not take into account that torque_offset@motor1.o has"):
-        dataset.study.refuse_own("diagnose")
+        dataset.study.refuse_own("diagnose", LIBRARY)
+
+
+def test_a_ripple_is_found_although_the_encoder_counts_from_elsewhere_in_each_run(tmp_path, monkeypatch):
+    """By `improve` with a run held out, in the study it writes, and by `confirm` on runs whose phases nobody knows."""
+    monkeypatch.chdir(tmp_path)
+    motion = rig.six_manoeuvres((0.5, 1.6), repeats=1, rate=25, longest_pass=4)
+    given = {"run1": 0.4, "run2": 2.9, "run3": -2.0, "run4": 1.0, "new1": -1.0, "new2": 2.0, "sound1": None,
+             "sound2": None}
+    for k, (name, phase) in enumerate(given.items()):
+        hidden = [] if phase is None else [rig.Effect("torque_ripple", "motor1", A=0.03, n=2.0, phase=phase)]
+        rig.write_csv(rig.measure(rig.PAPER, motion, hidden, rng=50 + k), tmp_path / f"{name}.csv")
+    runs = [f"run{k}.csv" for k in (1, 2, 3, 4)]
+    assert main(["improve", str(STUDY), "--data", *runs, "--out", "found", "--quiet", "--bare"]) == 0
+    ladder = json.loads((tmp_path / "found" / "ladder.json").read_text())["steps"]
+    assert [s["added"] for s in ladder[1:]] == [{"effect": "torque_ripple", "place": "motor1"}]
+    own = json.loads((tmp_path / "found" / "parameters.json").read_text())["own"]["torque_ripple_motor1.phase"]
+    assert list(own["unseen"]) == ["torque_ripple_motor1.phase[run4]"] and len(own["runs"]) == 3
+    values = ladder[-1]["coefficients"]
+    for run in ("run1", "run2", "run3"):
+        low, high = values[f"phase[{run}]"]["ci95"]
+        away = (values[f"phase[{run}]"]["value"] - given[run] + np.pi) % (2 * np.pi) - np.pi
+        assert abs(away) < high - low < 1.0
+    assert abs((own["unseen"]["torque_ripple_motor1.phase[run4]"] - given["run4"] + np.pi) % (2 * np.pi) - np.pi) < 0.5
+    assert load_study(tmp_path / "found" / "study.toml").own == ["torque_ripple@motor1.phase"]
+    assert main(["diagnose", "found/study.toml", "--out", "again", "--quiet"]) == 0
+    assert json.loads((tmp_path / "again" / "diagnosis.json").read_text())["verdict"] == "nothing_missing"
+    for name in ("new", "sound"):
+        logs = [f"{name}1.csv", f"{name}2.csv"]
+        assert main(["confirm", "found/study.toml", "--data", *logs, "--out", name, "--quiet"]) == 0
+        told = json.loads((tmp_path / name / "confirmation.json").read_text())
+        assert told["effects"][0]["confirmed"] == (name == "new")
+        lower = [told["replay"]["after"][c] < before for c, before in told["replay"]["before"].items()]
+        assert all(lower) if name == "new" else not any(lower)

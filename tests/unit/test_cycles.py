@@ -12,18 +12,20 @@ from pycosim.core.units import Variable
 from pycosim.data.noise import Chain, Noise
 from pycosim.data.parameters import fewest_cycles
 from pycosim.diagnosis import cycles
+from pycosim.diagnosis.trials import start_of
 
 RIPPLE = Contribution(Library(), catalogue(Library())["torque_ripple"])
 N = 4000
 
 
-def table(residual, angle, slope, probe=1.0):
-    """What the search reads of a table: one channel, one motor, one record."""
+def table(residual, angle, slope, probe=1.0, runs=1):
+    """What the search reads of a table: one channel, one motor, records of one length."""
     n = len(angle)
-    time = 0.01 * np.arange(n)
+    time, run = 0.01 * np.arange(n), np.arange(n) * runs // n
     return SimpleNamespace(
-        fit=SimpleNamespace(free=["a"] * len(slope)), chain=Chain(np.r_[np.inf, np.diff(time)]),
-        time=time, group=np.zeros(n, dtype=int), slope=slope[None], residual=residual[None],
+        fit=SimpleNamespace(free=["a"] * len(slope)), chain=Chain(np.r_[np.inf, np.diff(time)]), run=run,
+        dataset=SimpleNamespace(parameters=SimpleNamespace(labels=[f"run{k}" for k in range(runs)])),
+        time=time, group=run, slope=slope[None], residual=residual[None],
         responses=[np.full((1, 1, n), probe)], probes=["probe_motor.dtau"], takes=[None],
         scans=[(RIPPLE.effect, Place("motor", ("motor",)))], contribution=lambda effect: RIPPLE,
         port_signals=lambda effect, component, term: {"flange.phi": angle},
@@ -56,6 +58,26 @@ def test_a_ripple_of_any_number_of_cycles_that_the_sampling_shows_is_found(wante
     assert [c.parts for c in found.candidates] == [[[2 * k], [2 * k + 1]] for k in range(cycles.PEAKS)]
 
 
+@pytest.mark.parametrize("turned", [True, False])
+def test_a_ripple_is_found_where_its_phase_is_another_in_each_run_and_where_it_is_not(turned):
+    rng = np.random.default_rng(3)
+    angle, phases = motion(8), np.array([0.3, 2.4, -1.8]) if turned else np.full(3, 0.3)
+    seen = table(0.0 * angle, angle, np.ones((1, N)), runs=3)
+    hidden = 0.3 * np.sin(7.0 * angle + phases[seen.run])
+    seen.residual[:] = hidden + rng.standard_normal(N)
+    found = cycles.ripples(seen, [Noise(1.0)], 199, rng)
+    one, each = found.candidates[:2]
+    assert (one.extra["runs"], each.extra["runs"]) == ([], ["run0", "run1", "run2"])
+    assert len(one.parts) == 2 and len(each.parts) == 6 and abs(each.grid["n"] - 7.0) < 0.05
+    columns = np.array([found.columns[k] for (k,) in each.parts])
+    fitted = np.linalg.lstsq(columns.T, seen.residual[0], rcond=None)[0]
+    start = start_of(each, fitted)
+    assert start["torque_ripple_motor.A"] == pytest.approx(0.3, abs=0.06)
+    fitted = np.array([start[f"torque_ripple_motor.phase[run{k}]"] for k in range(3)])
+    told = np.sin(start["torque_ripple_motor.n"] * angle + fitted[seen.run])
+    assert np.corrcoef(told, hidden)[0, 1] > 0.9
+
+
 def test_a_ripple_of_once_a_turn_is_found_where_most_of_a_turn_is_seen():
     rng = np.random.default_rng(2)
     angle = motion(0.77)
@@ -77,8 +99,9 @@ def test_the_highest_number_of_cycles_has_two_samples_each_on_the_slow_way():
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("runs", [1, 3])
 @pytest.mark.parametrize("noise", ["even", "grows", "offset"])
-def test_chance_is_flat_where_nothing_is_hidden(noise):
+def test_chance_is_flat_where_nothing_is_hidden(noise, runs):
     angle, below = motion(6, 600), []
     for seed in range(100):
         rng = np.random.default_rng(seed)
@@ -86,7 +109,7 @@ def test_chance_is_flat_where_nothing_is_hidden(noise):
         e = {"even": e, "grows": e * np.linspace(0.5, 2.5, 600), "offset": e + 0.7}[noise]
         slope = np.array([np.ones(600), np.cos(angle / 6)])
         left = e - slope.T @ np.linalg.lstsq(slope.T, e, rcond=None)[0]
-        seen = table(left, angle, slope)
+        seen = table(left, angle, slope, runs=runs)
         scores = cycles._Scores.of(seen, [Noise(1.0)])
         signs = rng.choice(np.array([-1.0, 1.0], dtype=np.float32), (199, scores.stretches))
         place = seen.scans[0][1]
