@@ -286,7 +286,7 @@ def summary(rows):
 def _asked(row):
     """A row with the oracle's answer to each effect in it that is neither hidden nor the condition's name."""
     from benchmarks.real_logs import oracle
-    if len(row["hidden"]) > 1 or not row.get("steps") or row["condition"] in ("mistake", "poor", *SPECIAL):
+    if not row.get("steps") or len(row["hidden"]) > 1 or row["condition"] in ("mistake", "poor", *SPECIAL):
         return row
     hidden, condition = names(row)
     gaps = row.setdefault("gaps", {})

@@ -145,22 +145,28 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
             if _refit(dataset, model, fit, scores, f, base, table):
                 yield f
 
+    def lowest(some):
+        return min(some, key=lambda f: f.selection.white.sum())
+
     likely = [f for f in findings if f.p_value < 10 * LEVEL]
     dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in likely[:REFITS]])
-    fitted, asked, best = list(refitted(likely[:REFITS])), set(), None
-    while fitted and (best := min(fitted, key=lambda f: f.selection.white.sum())).key not in asked:
+    seen, unseen, asked, best = list(refitted(likely[:REFITS])), [], set(), None
+    while seen and (best := lowest([*seen, *unseen])).key not in asked:
         asked.add(best.key)  # what is fitted for its sake may be better, and has a kin of its own
-        effects = {f.effect for f in fitted if twins(base, f, best)}
-        fitted += refitted([f for f in findings if f.effect == best.effect and f not in fitted
-                            and _unseen(dataset, model, fit, f)])
+        effects = {best.effect, *(f.effect for f in seen if twins(base, f, best))}
+        rest = [f for f in findings if f not in seen and f not in unseen]
+        unseen += refitted([f for f in rest if f.effect in effects and _unseen(dataset, model, fit, f)])
         akin = scores.akin(best.key, 1 - ALIKE)[:REFITS]
-        fitted += refitted([f for f in likely[REFITS:] if (f.effect in effects or f.key in akin) and f not in fitted])
-    if best is not None:
-        for f in [f for f in fitted if f.effect == best.effect and f is not best]:
-            _refit_from(dataset, model, scores.single, f, best, base)
-            if twins(base, f, best):  # a score sees nothing of a share of a loss that the base model takes for none
-                f.p_value, f.p_value_single = best.p_value, best.p_value_single
-    return fitted
+        seen += refitted([f for f in likely[REFITS:] if f in rest and f not in unseen
+                          and (f.effect in effects or f.key in akin)])
+    for f in [f for f in (*seen, *unseen) if f.effect == best.effect or f in unseen]:
+        other = lowest([o for o in seen if o.effect == f.effect])
+        if f is not other:
+            _refit_from(dataset, model, scores.single, f, other, base)
+            # a score sees nothing of a share of a loss that the base model takes for none
+            if lowest((f, other)) is f or twins(base, f, other):
+                f.p_value, f.p_value_single = min((f.p_value, f.p_value_single), (other.p_value, other.p_value_single))
+    return seen + unseen
 
 
 def _unseen(dataset, model, fit, finding):
