@@ -26,6 +26,8 @@ SHOWN = {
     "stribeck": ("1A", {"fs": 0.05, "ws": 0.5}, "C_H", "s1A.w"),
     "stribeck_asymmetry": ("1A", {"fs_a": 0.04, "ws": 0.5}, "C_H", "s1A.w"),
     "presliding": ("1A", {"travel": 0.5}, "C_H", "motor1.phi"),
+    "friction_lag": ("1A", {"T": 0.5, "ws": 0.05}, "C_H", "motor1.phi"),
+    "dwell": ("1A", {"fd": 0.05, "T": 0.2, "h": 1.0}, "C_H", "motor1.phi"),
     "direction_asymmetry": ("1A", {"a": 0.3}, "C_H", "s1A.w"),
     "configuration_preload": ("1A", {"k_H": 0.1, "k_K": 0.0}, "C_H", "q_H"),
     "angle_friction": ("1A", {"c1": 0.1, "c2": 0.06, "c3": -0.02, "c4": 0.08, "c5": 0.02, "c6": 0.0, "low": 6.0,

@@ -64,10 +64,10 @@ SIXTEEN = ("viscous", "stribeck", "presliding", "direction_asymmetry", "configur
            "torque_saturation", "rotor_inertia", "time_delay", "cable_compliance")
 """The effects of the table; in worlds without joint encoders `temperature_dependence` stands for the last."""
 FURTHER = ("temperature_dependence", "backlash", "viscous_asymmetry", "stribeck_asymmetry", "sublinear_viscous",
-           "angle_friction", "angle_torque", "joint_spring", "payload")
+           "angle_friction", "angle_torque", "friction_lag", "dwell", "joint_spring", "payload")
 OUTSIDE = ("speed_angle", "backward_drag", "gear_mesh", "wear", "load_speed", "load_angle", "intermittent",
-           "acceleration_friction", "tide", "dwell", "friction_lag")
-"""Laws that the catalogue lacks; `dwell` and `friction_lag` may be in it, and count as named then."""
+           "acceleration_friction", "tide")
+"""Laws that the catalogue lacks."""
 MOTOR = ("torque_ripple", "torque_constant", "torque_offset", "torque_saturation", "rotor_inertia")
 ENCODER = ("cable_compliance", "backlash")
 LOAD_MODEL = ("joint_spring", "payload")

@@ -21,8 +21,6 @@ SEPARABLE = 5.4
 """Twice the log-likelihood on unseen data from which on two effects are told apart."""
 VISIBLE = 1.1
 """Size below which a condition's own error of channel or reference need not be named."""
-# A law of the catalogue may stand in for one of these where the catalogue has it under the same name.
-OWN_NAME = {"dwell": "dwell", "friction_lag": "friction_lag"}
 
 
 def same(told, true):
@@ -57,7 +55,7 @@ def names(row):
     hidden, condition : list of (str, str)
     """
     hidden = [tuple(h) for h in row["hidden"]]
-    hidden = [h for h in hidden if h[0] not in laws.OUTSIDE or h[0] in OWN_NAME]
+    hidden = [h for h in hidden if h[0] not in laws.OUTSIDE]
     about = cases.CONDITIONS.get(row["condition"])  # none of a scenario
     return hidden, list(about.named) if about else [tuple(b) for b in row.get("beside", [])]
 

@@ -131,8 +131,11 @@ class Contribution:
 
 
 def _vanishes(expression):
-    """Whether an expression is zero whatever its variables, by numbers."""
+    """Whether an expression is zero whatever its variables, and whatever their signs, by numbers."""
     names = ca.symvar(expression)
     value = ca.Function("value", names, [ca.densify(expression)])
-    points = np.random.default_rng(0).uniform(0.2, 0.9, (4, len(names)))
-    return all(np.abs(np.array(value.call([ca.DM(v) for v in p])[0])).max() < 1e-12 for p in points)
+    rng = np.random.default_rng(0)
+    sizes, signs = rng.uniform(0.2, 0.9, (16, len(names))), rng.choice((-1.0, 1.0), (16, len(names)))
+    points = sizes * np.where(np.arange(16)[:, None] < 4, 1.0, signs)
+    found = [np.abs(np.array(value.call([ca.DM(v) for v in p])[0])).max() for p in points]
+    return max(f for f in found if np.isfinite(f)) < 1e-12  # a power of a negative variable is no number

@@ -351,7 +351,10 @@ class Table:
 
     def _missing(self, effect, place):
         """Signals that the effect reads and that the log does not give."""
-        needed = effect_question(self.library, effect).inputs
+        question = effect_question(self.library, effect)
+        needed = question.inputs
+        if self.dataset.averaged and question.states and {"lag", "rest"} & set(effect.scan.values()):
+            return ["time"]  # what moves in time has nothing to say of means
         return [n for c in place.components
                 for n, v in self.port_signals(effect, c, None, place.partner(effect, c)).items()
                 if n in needed and v is None]
@@ -367,8 +370,8 @@ class Table:
         Returns
         -------
         dict of str to ndarray
-            By kind of grid: ``time``, ``delay``, ``lag`` [s], ``quadrature``, ``power`` [1], ``angle``,
-            ``travel`` [rad], ``speed`` [rad/s]; without those that the data say nothing of.
+            By kind of grid: ``time``, ``delay``, ``lag``, ``rest`` [s], ``quadrature``, ``power`` [1], ``angle``,
+            ``travel`` [rad], ``speed``, ``creep`` [rad/s]; without those that the data say nothing of.
         """
         if component not in self._grids:
             self._grids[component] = self._scan_values(component)
@@ -379,9 +382,10 @@ class Table:
         time = self.time
         values = {"time": np.geomspace(max(np.ptp(time) / 40, 0.5), max(2 * np.ptp(time), 1.0), 7),
                   "quadrature": np.array([0.0, np.pi / 2]), "power": np.array([0.2, 0.35, 0.5, 0.65, 0.8])}
-        if len(self.dataset.time) > 1:
+        if len(self.dataset.time) > 1 and not self.dataset.averaged:
             delays = np.median(np.diff(self.dataset.time)) * np.geomspace(0.5, 32, 12)
             values["delay"], values["lag"] = np.r_[-delays[::-1], delays], delays
+            values["rest"] = self._pause(10 * np.median(np.diff(self.dataset.time))) * np.array([0.5, 5.0])
         angles = [v for n, v in self.full.items() if n.endswith(".beside.phi")]
         if angles:  # where a spring has no torque, in the workspace or beyond; alike for all joints, which may share it
             low, high = min(v.min() for v in angles), max(v.max() for v in angles)
@@ -391,10 +395,18 @@ class Table:
             speed = np.abs(view(speed))
             low, high = np.quantile(speed, [0.02, 0.98])
             values["speed"] = np.geomspace(max(low / 2, 1e-3), max(1.5 * high, 2e-3), 9)
+            values["creep"] = values["speed"][0] * np.array([1.0, 8.0])
             moved = np.abs(speed[::self.thin]) * np.gradient(time).clip(0, 1)
             path = [moved[s].sum() for s in contiguous(time, self.group)]
             values["travel"] = np.geomspace(5e-4, max(np.median(path) / 2, 8e-3), 10)
         return values
+
+    def _pause(self, least):
+        """Usual time between one pass and the next, or the least that one may mean by that [s]."""
+        pairs = itertools.pairwise(contiguous(self.time, self.group))
+        pauses = [self.time[two.start] - self.time[one.stop - 1] for one, two in pairs
+                  if self.run[one.start] == self.run[two.start]]
+        return max(float(np.median(pauses)) if pauses else 0.0, least)
 
     def _columns(self):
         self._grids = {}

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ..compile import compile_model, component_name, find_effect, find_place
+from ..compile.contribution import effect_question
 from ..core.errors import NoAnswerError, PycosimError
 from ..fit import least_squares
 from ..fit.late import delays
@@ -17,9 +18,12 @@ from .rivals import ALIKE, twins
 from .scores import LEVEL, PRESSED
 
 REFITS = 10
-BETWEEN = "over within a sample or two, so that they do not show it"
+BETWEEN = "over within a few samples, so that they do not show it"
 OWN, SIMILAR = "what the model's own travel does after turns", 2.0
 """Said of a travel less than so many times the rig's own, where that is at work."""
+FEW, MOSTLY = 4, 0.8
+"""Samples after a turn, and the share of what a memory of friction changes that lies in them, from which on it is taken
+for what straight lines between samples leave where a torque was moved by a part of one."""
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -221,24 +225,39 @@ def _refit(dataset, model, fit, scores, finding, alone, table):
     finding.fit = min(fits, key=lambda f: _cost(f, alone.usual))
     finding.selection = select(dataset, larger, finding.fit, scores.single, alone)
     measure(finding, larger, larger.attached[-1], table)
-    finding.refused = _no_effect(dataset, larger.attached[-1], finding.fit)
+    finding.refused = _no_effect(dataset, larger, finding.fit)
     return True
 
 
-def _no_effect(dataset, attached, fit):
+def _no_effect(dataset, model, fit):
     """Why what was fitted is no effect, in words; None where nothing speaks against it.
 
     A filter that is done within half a sample, or a travel that is passed within two at the least speed, is what
     straight lines between samples miss: as much is left at a start where a torque was moved by a part of a sample.
     Where the rig's own travel is at work, one of about that length is no other.
     """
-    effect, place = attached
+    effect, place = attached = model.attached[-1]
     own = {kind: fit.parameters[f"{component_name(*attached)}.{c}"] for c, kind in effect.scan.items()}
     least = {"lag": _step(dataset) / 2, "travel": 2 * _step(dataset) * dataset.w_min}
-    if any(own[kind] < least[kind] for kind in own if kind in least):
+    if any(own[kind] < least[kind] for kind in own if kind in least) or _between(dataset, model, fit):
         return BETWEEN
     travels = [fit.parameters[f"{c}.travel"] for c in place.components if f"{c}.travel" in fit.parameters]
     return OWN if dataset.own_travel and own.get("travel", np.inf) < SIMILAR * max(travels, default=0.0) else None
+
+
+def _between(dataset, model, fit):
+    """Whether a memory of friction acts, beside a torque that was moved in time, in a few samples after a turn."""
+    effect = model.attached[-1][0]
+    if not effect_question(dataset.library, effect).states or not any(e.channel for e, _ in model.attached[:-1]):
+        return False
+    without = compile_model(dataset.library, model.rig, model.keys[:-1])
+    residuals = [dataset.residuals(m, names, fit.parameters, "fit").residual([fit.parameters[n] for n in names])
+                 for m in (model, without) for names in [[n for n in fit.free if n in m.parameters]]]
+    changed = ((residuals[0] - residuals[1]) ** 2 * fit.weights[:, None] ** 2).sum(0)
+    way, turned = np.sign(dataset.speeds), np.zeros(len(dataset.time), dtype=bool)
+    for k in range(1, FEW + 1):
+        turned[k:] |= np.any(way[:, k:] != way[:, :-k], axis=0) | (dataset.run[k:] != dataset.run[:-k])
+    return bool(changed[turned[dataset.view("fit")]].sum() > MOSTLY * changed.sum())
 
 
 def _step(dataset):

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
+from scipy.signal import lfilter
 
 from pycosim.compile import Library, catalogue, compile_model, find_effect, places
 from pycosim.compile.solve import piecewise_linear
@@ -93,6 +94,46 @@ def test_load_hysteresis_is_the_load_term_with_its_own_state():
     lost = y["s1A.s"] * 2 * 0.95 * 0.05 / 1.95 + 0.1 / 1.95 * np.abs(load) * z + 0.02 * load * z ** 2
     moving = np.abs(y["s1A.w"]) > 0.05
     np.testing.assert_allclose((y["line1.tau"] - out)[moving], lost[moving], atol=2e-4)
+
+
+def turning(time, rest=0.0):
+    """Angles and torques of both motors, to and fro, with a rest at the end of each way."""
+    period = 2 * np.pi + 2 * rest
+    within = np.mod(time, period)
+    back = np.minimum(within - rest, 2 * np.pi)
+    phase = np.where(within < np.pi, within, np.where(within < np.pi + rest, np.pi, back))
+    angle = -np.cos(phase)
+    return {"motor1.phi": angle, "motor2.phi": -0.4 * angle, "motor1.tau": 1.0 + 0 * time, "motor2.tau": 0.5 + 0 * time}
+
+
+@pytest.mark.parametrize("lag", [0.05, 0.3])
+def test_friction_that_lags_acts_against_the_speed_of_a_moment_ago(lag):
+    time = np.linspace(0, 13, 6501)
+    signals, model = turning(time), compile_model(LIBRARY, RIG, [("friction_lag", "1A")])
+    given = {"friction_lag_1A.T": lag, "friction_lag_1A.ws": 0.02, "s1A.travel": 1e-5}  # the rig's own is one too
+    y = estimate(model, signals, time, given)
+    speed = np.gradient(signals["motor1.phi"], time)
+    late = lfilter([1 - np.exp(-0.002 / lag)], [1, -np.exp(-0.002 / lag)], speed)
+    slides = np.abs(speed) > 0.02
+    np.testing.assert_allclose(y["s1A.s"][slides], np.clip(late / 0.02, -1, 1)[slides], atol=0.06)
+    behind = slides & (late * speed < 0)
+    assert behind.sum() > 10 and np.all(y["s1A.s"][behind] * speed[behind] < 0)
+
+
+def test_breakaway_grows_at_rest_and_is_lost_over_a_travel():
+    time = np.linspace(0, 15, 7501)
+    signals, given = turning(time, rest=1.0), {"dwell_1A.fd": 0.2, "dwell_1A.T": 0.8, "dwell_1A.h": 0.05}
+    y = estimate(compile_model(LIBRARY, RIG, [("dwell", "1A")]), signals, time, given)
+    bare = estimate(compile_model(LIBRARY, RIG), signals, time)
+    rested, way = 0.0, np.abs(np.diff(signals["motor1.phi"], prepend=signals["motor1.phi"][0]))
+    added = []
+    for d in way:
+        rested += 0.002 * max(0, 1 - 10 * d / 0.002 * 0.8 / 0.05) * (1 - rested) / 0.8 - d * rested / 0.05
+        added.append(0.2 * rested)
+    law = [F["s1A.F"] - 0.1 / 1.95 * np.abs(F["s1A.L"]) for F in (bare, y)]  # without the load term
+    np.testing.assert_allclose(law[1] - law[0], added, atol=4e-3)
+    assert np.max(law[1] - law[0]) == pytest.approx(0.2 * (1 - np.exp(-1 / 0.8)), rel=0.02)
+    assert np.median(law[1] - law[0]) < 1e-3
 
 
 def test_spring_and_payload_are_in_the_joint_torque_and_not_in_the_load():
@@ -183,7 +224,7 @@ def test_a_pair_with_a_squared_load_says_that_it_has_no_closed_form():
 
 def test_places_of_pairs_channels_joints_and_lines():
     found = {e.id: [p.name for p in places(LIBRARY, RIG, e)] for e in catalogue(LIBRARY).values()}
-    assert len(found) == 34
+    assert len(found) == 36
     assert found["cross_load"] == ["1A+2A", "1B+2B"] and found["time_delay"] == ["torque"]
     assert found["joint_spring"] == ["hip", "knee", "hip+knee"] and found["payload"] == ["shank"]
     assert found["angle_torque"] == ["hip", "knee", "hip+knee"] and found["angle_friction"][:2] == ["1A", "2A"]
