@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from ..compile import compile_model, corrections
+from ..compile import compile_model, component_name, corrections
 from ..core.errors import PycosimError
 from ..fit.late import endless
 from . import first_look
@@ -38,10 +38,11 @@ TOO_FEW = "there are too few passes to see whether it predicts one that it was n
 NOTHING = "its interval holds zero, so that something else is at work"
 ENDLESS = "its best value is at the end of what is looked for, so that something else is at work"
 ASTRAY = "most of what it changes in a channel is not what is missing there, so that something else is at work"
+LASTING = "it outlasts the way from one turn to the next, so that something else is at work"
 BEHIND = "another predicts more, and something else is at work there"
 STARTS = "what it takes elsewhere it adds where a filter still tells of the start"
 UNSOLVED = "beside the effects of the model it has no answer in closed form"
-ELSE = NOTHING, ENDLESS, ASTRAY  # reasons that something else is at work
+ELSE = NOTHING, ENDLESS, ASTRAY, LASTING  # reasons that something else is at work
 OPEN = TOO_FEW, *ELSE, BEHIND, UNSOLVED  # reasons that do not say that a candidate is not what is missing
 CLEAR, FEW = 0.1, 4
 """Of the whitened error, from which an effect may predict unseen passes with what they tell of themselves, where the
@@ -90,14 +91,14 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     base = select(dataset, model, fit, scores.single)
     rivals = refit_best(dataset, model, fit, scores, findings, base, table, say)
     told = dependence(dataset, model, fit, seed)
-    depends, alarm, left = told.variables, told.sure, _errors(dataset, model, fit)
+    depends, alarm = told.variables, told.sure
 
     def steady(finding):
         larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
         law, own = constancy(dataset, larger, finding.fit)[finding.key], finding.selection
         if law.gain * own.raw.sum() > allowed(larger.attached[-1][0]) * difference(base.raw, own.raw)[0]:
             finding.varies_with = law.variable
-        risen = rises(left, _errors(dataset, larger, finding.fit))
+        risen = rises(dataset, (model, fit), (larger, finding.fit))
         share, variable = remaining(dependence(dataset, larger, finding.fit, seed), base, own, law.follows, risen)
         finding.outweighed_by = variable if share > LEFT else None
         return finding.varies_with is None and finding.outweighed_by is None
@@ -112,18 +113,13 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     verdict = _verdict(findings, alarm or bool(slow), hidden, dataset, model.attached)
     winner, provisional = (chosen if chosen and chosen.accepted else None), (
         chosen if chosen and chosen.provisional else None)
-    channels = _channels(fit.error, left["test"], floor, told, base, winner, dataset.steps, provisional, slow)
+    held_out = errors(dataset, model, fit, "test") if dataset.is_test.any() else {}
+    channels = _channels(fit.error, held_out, floor, told, base, winner, dataset.steps, provisional, slow)
     unknown = verdict == "unexplained" and not dataset.averaged and not any(f.contested for f in findings)
     found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single,
                       smallest(scores, LEVEL, MATTERS), varied(table), None, channels,
                       partial(unexplained, table, depends, floor) if unknown else None)
     return found.finish() if finished else found
-
-
-def _errors(dataset, model, fit):
-    """Errors by channel of the fit part and of the held-out part, which is empty where nothing is held out."""
-    return {"fit": errors(dataset, model, fit, "fit"),
-            "test": errors(dataset, model, fit, "test") if dataset.is_test.any() else {}}
 
 
 def _chosen(dataset, whole, model, fit, findings, rivals, base, steady, noise):
@@ -161,7 +157,20 @@ def _against(dataset, whole, before, after, usual):
         return STARTS
     if endless(after[1]):
         return ENDLESS
+    if _lasting(dataset, *after):
+        return LASTING
     return None if _meant(dataset, before, after) else ASTRAY
+
+
+def _lasting(dataset, model, fit):
+    """Whether what grew at rest, in the effect attached last, is not lost again before the next turn."""
+    effect, place = model.attached[-1]
+    if "rest" not in effect.scan.values():
+        return False
+    travels = [fit.parameters[f"{component_name(effect, place)}.{c}"] for c, k in effect.scan.items() if k == "travel"]
+    speed = dataset.segment_signals(model, fit.parameters, [name := f"{place.components[0]}.w"])[name]
+    moving, moved = dataset.passes >= 0, np.abs(speed) * np.gradient(dataset.time).clip(0, 1)
+    return max(travels) > np.median(np.bincount(dataset.passes[moving], moved[moving]))
 
 
 def _risen(dataset, before, after, usual):

@@ -19,35 +19,59 @@ catches a little; the delay and the ripple of the ball screw EMPS leave 1.1 and 
 MOST, AS_SMALL = 0.5, 1.5
 """Of the squared error of a channel, that an effect leaves which takes most of it; squared error of held-out passes
 over that of fitted ones, up to which one is as small as the other: slow noise differs by as much from pass to pass."""
+TELLING, CALMEST = 100, 0.2
+"""Samples of a run that tell its own size, and the least of it, over that of all runs."""
 HELD_OUT = "the held-out part"
 
 
-def rises(before, after):
+def rises(dataset, before, after):
     """By how much an effect changes the squared errors of the held-out part, over those of the fit part without it.
+
+    Each run counts in units of its own noise, or one that is four times noisier than the others says by chance what
+    the others deny.
 
     Parameters
     ----------
-    before, after : dict of str to dict of str to float
-        Errors by channel of the parts ``fit`` and ``test`` without the effect and with it.
+    dataset : Dataset
+        With a held-out part, or without.
+    before, after : (Model, Fit)
+        Without the effect and with it.
 
     Returns
     -------
     dict of str to float
         By channel; negative where it lowers them, empty without a held-out part, or where that has nothing to say.
     """
-    if after["test"] and _as_small(before, after):
+    if not dataset.is_test.any():
         return {}
-    return {c: (after["test"][c] ** 2 - before["test"][c] ** 2) / max(before["fit"][c] ** 2, 1e-300)
-            for c in after["test"]}
+    sizes = [np.minimum(*pair) for pair in zip(_sizes(dataset, *before), _sizes(dataset, *after))]
+    fitted, left = (_squares(dataset, *m, "fit", sizes) for m in (before, after))
+    held, unseen = (_squares(dataset, *m, "test", sizes) for m in (before, after))
+    if np.all(unseen <= AS_SMALL * left) and (left / fitted).min() < MOST:
+        return {}  # one held-out pass may be as near to a wrong model as to a right one, by chance
+    return dict(zip(dataset.channels, (unseen - held) / fitted))
 
 
-def _as_small(before, after):
-    """Whether an effect takes most of the error where it was fitted, and what is left elsewhere is as small.
+def _by_run(dataset, model, fit, part):
+    """Residual of a part, shape (channels, n), and the run of each of its samples."""
+    residual = dataset.residuals(model, fit.free, fit.parameters, part).residual(fit.values)
+    view = dataset.view(part)
+    return residual, dataset.run[view.i if dataset.paired else view]
 
-    One held-out pass may be as near to a wrong model as to a right one, by chance.
-    """
-    fitted, left, unseen = (np.array(list(e.values())) ** 2 for e in (before["fit"], after["fit"], after["test"]))
-    return bool(np.all(unseen <= AS_SMALL * left) and (left / fitted).min() < MOST)
+
+def _sizes(dataset, model, fit):
+    """RMSE of each channel in each run's fit part, in all of it where a run has few samples there: a list over runs."""
+    residual, run = _by_run(dataset, model, fit, "fit")
+    whole = np.sqrt(np.mean(residual ** 2, axis=1)) + 1e-300
+    parts = [residual[:, run == k] for k in range(len(dataset.logs))]
+    return [np.maximum(np.sqrt(np.mean(own ** 2, axis=1)), CALMEST * whole) if own.shape[1] >= TELLING else whole
+            for own in parts]
+
+
+def _squares(dataset, model, fit, part, sizes):
+    """Mean squared error of each channel in a part, each run in units of its own size."""
+    residual, run = _by_run(dataset, model, fit, part)
+    return np.mean((residual / np.array(sizes).T[:, run]) ** 2, axis=1)
 
 
 def beyond(risen, without):

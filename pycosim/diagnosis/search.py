@@ -375,14 +375,14 @@ def _shortfall(dataset, steps, noise, known, seed):
     here, full = fulls.beside(steps[known - 1].model)
     before = select(here, steps[known - 1].model, steps[known - 1].fit, noise, full)
 
-    def risen(without):
-        return rises(*({"fit": s.error, "test": s.held_out_error} for s in (without, steps[-1])))
+    def risen(model, fit):
+        return rises(dataset, (model, fit), (steps[-1].model, steps[-1].fit))
 
     told = constancy(here, steps[-1].model, steps[-1].fit)
     follows = {name: max(told[s.added].follows[name] for s in steps[known:])
                for name in told[steps[-1].added].follows}
     left = dependence(here, steps[-1].model, steps[-1].fit, seed)
-    worst = remaining(left, before, full, follows, risen(steps[known - 1]))[0] / LEFT
+    worst = remaining(left, before, full, follows, risen(steps[known - 1].model, steps[known - 1].fit))[0] / LEFT
     for out in steps[known:]:
         rest = [k for k in steps[-1].model.keys if k != out.added]
         model = compile_model(dataset.library, steps[0].model.rig, rest)
@@ -392,7 +392,7 @@ def _shortfall(dataset, steps, noise, known, seed):
         takes, spread = difference(alone.raw, full.raw)
         if takes <= spread:  # superfluous beside the others
             return float("inf")
-        worst = max(worst, beyond(risen(step_of(dataset, model, fit)), alone) / (LEFT * takes))
+        worst = max(worst, beyond(risen(model, fit), alone) / (LEFT * takes))
         effect = next(e for e, p in steps[-1].model.attached if (e.id, p.name) == out.added)
         worst = max(worst, told[out.added].gain * full.raw.sum() / (allowed(effect) * takes))
     return worst

@@ -105,18 +105,53 @@ def test_an_effect_must_take_more_than_it_leaves(sure, strength, left, expected)
     assert (variable if share > LEFT else None) == expected
 
 
+class Runs:
+    """Logs of which a model is no more than what it leaves: by part, shape (channels, n), runs of 400 samples."""
+
+    channels, paired = ("a", "b"), False
+
+    def __init__(self, count, parts=("fit", "test")):
+        self.logs, self.run = [None] * count, np.repeat(np.arange(count), 400)
+        self.is_test = np.array(["test" in parts])
+
+    def residuals(self, model, free, parameters, part):
+        return SimpleNamespace(residual=lambda values: model[part])
+
+    def view(self, part):
+        return np.arange(len(self.run))
+
+
+NONE = SimpleNamespace(free=[], parameters={}, values=[])  # of a fit
+
+
+def _left(held_out, fit=(1.0, 1.0), noise=(1.0,)):
+    """What a model leaves in the fit part and in the held-out part, noise of each run beside it."""
+    sizes = np.repeat(noise, 400)
+    return {part: np.array(errors)[:, None] * np.resize((1.0, -1.0), sizes.size) * sizes
+            for part, errors in (("fit", fit), ("test", held_out))}
+
+
 @pytest.mark.parametrize("held_out, expected", [
-    ({"a": 0.9, "b": 1.0}, None),
-    ({"a": 0.5, "b": 1.7}, HELD_OUT),
-    ({"a": 1.001, "b": 1.0}, HELD_OUT),  # takes nothing there
-    ({}, None),
+    ((0.9, 1.0), None),
+    ((0.5, 1.7), HELD_OUT),
+    ((1.001, 1.0), HELD_OUT),  # takes nothing there
+    (None, None),
 ])
 def test_an_effect_must_not_raise_the_error_of_the_held_out_part(held_out, expected):
-    without = {"fit": {"a": 1.0, "b": 1.0}, "test": dict.fromkeys(held_out, 1.0)}
-    risen = rises(without, {"fit": {"a": 0.6, "b": 1.0}, "test": held_out})
+    data = Runs(1) if held_out else Runs(1, ("fit",))
+    risen = rises(data, (_left((1.0, 1.0)), NONE), (_left(held_out or (9.0, 9.0), (0.6, 1.0)), NONE))
     before, after = (SimpleNamespace(channels=np.array([[a], [3.0]])) for a in (10.0, 4.0))
     share, variable = remaining(_told(True, 0.1), before, after, FOLLOWS, risen)
     assert (variable if share > LEFT else None) == expected
+
+
+@pytest.mark.parametrize("noisy, lowered", [(1.05, True), (1.7, False)])
+def test_a_run_that_is_noisier_than_the_others_does_not_outvote_them(noisy, lowered):
+    """Three runs, of which one has four times the noise: what the others lose counts, what that gains by chance not."""
+    data, one, other = Runs(3), _left((1.0, 1.0), noise=(1, 4, 1)), _left((0.75, 1.0), (0.8, 1.0), noise=(1, 4, 1))
+    other["test"][0, data.run == 1] *= noisy / 0.75
+    plain = np.mean(other["test"][0] ** 2) - np.mean(one["test"][0] ** 2)
+    assert plain > 0 and (rises(data, (one, NONE), (other, NONE))["a"] < 0) == lowered
 
 
 def _any(seed):
