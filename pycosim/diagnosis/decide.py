@@ -163,14 +163,21 @@ def _against(dataset, whole, before, after, usual):
 
 
 def _lasting(dataset, model, fit):
-    """Whether what grew at rest, in the effect attached last, is not lost again before the next turn."""
+    """Whether a memory of friction, in the effect attached last, is not over before the next turn.
+
+    What grew at rest must be lost over the way, a lag must end within the time, and a direction must turn over within
+    the speeds from one turn to the next. A friction that grows with the way that was travelled was both else.
+    """
     effect, place = model.attached[-1]
-    if "rest" not in effect.scan.values():
+    if not {"rest", "creep"} & set(effect.scan.values()):
         return False
-    travels = [fit.parameters[f"{component_name(effect, place)}.{c}"] for c, k in effect.scan.items() if k == "travel"]
+    own = {kind: fit.parameters[f"{component_name(effect, place)}.{c}"] for c, kind in effect.scan.items()}
     speed = dataset.segment_signals(model, fit.parameters, [name := f"{place.components[0]}.w"])[name]
-    moving, moved = dataset.passes >= 0, np.abs(speed) * np.gradient(dataset.time).clip(0, 1)
-    return max(travels) > np.median(np.bincount(dataset.passes[moving], moved[moving]))
+    moving = dataset.passes >= 0
+    steps, speed, number = np.gradient(dataset.time)[moving].clip(0, 1), np.abs(speed[moving]), dataset.passes[moving]
+    usual = {"travel": np.median(np.bincount(number, speed * steps)), "lag": np.median(np.bincount(number, steps)),
+             "creep": np.median(speed)}
+    return any(own.get(kind, 0.0) > most for kind, most in usual.items())
 
 
 def _risen(dataset, before, after, usual):

@@ -214,6 +214,34 @@ def test_a_travel_at_one_stage_is_not_what_the_machine_has_everywhere(case, tmp_
     assert (first, last, found) == ("missing_effect", "nothing_missing", [("presliding", place)]), shown
 
 
+@pytest.mark.parametrize("case", ["outside:friction_lag:1.3:14006", "outside_gait:friction_lag:2.4:8102"])
+def test_a_friction_that_lags_at_one_segment_is_no_delay_of_the_torque(case, tmp_path):
+    first, last, found, shown = hidden(case, tmp_path)
+    place = "1A" if ":14006" in case else "2A"
+    assert (first, last, found) == ("missing_effect", "nothing_missing", [("friction_lag", place)]), shown
+
+
+def test_what_a_shifted_torque_leaves_between_two_samples_is_no_memory(tmp_path):
+    first, last, found, shown = hidden("linear:time_delay:1.3:8288", tmp_path)
+    assert (first, last, found) == ("missing_effect", "nothing_missing", [("time_delay", "force")]), shown
+
+
+def test_a_breakaway_that_grows_at_rest_is_found_at_its_place(tmp_path):
+    first, last, found, shown = hidden("further:dwell:1.7:8600", tmp_path)
+    assert (first, last, found) == ("missing_effect", "nothing_missing", [("dwell", "1A")]), shown
+
+
+@pytest.mark.parametrize("case", ["outside:wear:1.3:8500", "outside_gait:wear:2.4:5705"])
+def test_a_friction_that_grows_with_the_way_is_no_memory_that_is_never_lost(case, tmp_path):
+    first, _, found, shown = hidden(case, tmp_path)
+    assert first == "unexplained" and not found, shown
+
+
+def test_a_held_out_run_that_is_noisier_than_the_others_refuses_nothing(tmp_path):
+    _, last, found, shown = hidden("one_noisy:torque_saturation:2.4:5700", tmp_path)
+    assert found == [("torque_saturation", "motor1+motor2")] and last == "nothing_missing", shown
+
+
 def test_a_reference_two_percent_off_is_found_beside_an_effect_and_its_alternatives_are_told(tmp_path):
     found = pc.open(make("reference_gain:configuration_preload:2.4:2600", tmp_path, quick=True)).improve()
     preload, gain = told(found.found)
