@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from ..compile import FILTERED
 from .filters import settings
 
-_LEAST = 8  # samples of a log that is moved
+_LEAST, _KEPT = 8, 4  # samples of a log that is moved; readings of a record that are kept
 
 
 def undo(question, signals, time, run, parameters, slopes=None, held=None, record=None, moved=None):
@@ -129,6 +129,7 @@ class Record:
         self.time, self.values, self.run = time, values, run
         parts = ((k, run == k) for k in np.unique(run))
         self.splines = {k: CubicSpline(time[part], values[part]) for k, part in parts if part.sum() >= _LEAST}
+        self._known = {}
 
     def at(self, later, order=0, some=slice(None)):
         """Values, or slopes, at later times.
@@ -148,6 +149,17 @@ class Record:
         """
         if later == 0 and not order:
             return self.values[some]
+        if not isinstance(some, slice):
+            return self._read(later, order, some)
+        found = self._known.get((later, order))  # asked for again and again where a delay is held
+        if found is None:
+            found = self._read(later, order, some)
+            found.flags.writeable = False
+            self._known = dict([*self._known.items()][1 - _KEPT:]) | {(later, order): found}
+        return found
+
+    def _read(self, later, order, some):
+        """The same without what is known."""
         time, run = self.time[some], self.run[some]
         result = np.zeros(len(time)) if order else self.values[some].copy()
         for k, spline in self.splines.items():
