@@ -14,7 +14,7 @@ from ..fit import least_squares
 from ..fit.late import delays
 from .crossval import select
 from .finding import Finding
-from .rivals import ALIKE, twins
+from .rivals import ALIKE, behind, twins
 from .scores import LEVEL, PRESSED
 
 REFITS = 10
@@ -170,7 +170,19 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
             # a score sees nothing of a share of a loss that the base model takes for none
             if lowest((f, other)) is f or twins(base, f, other):
                 f.p_value, f.p_value_single = min((f.p_value, f.p_value_single), (other.p_value, other.p_value_single))
+    _refuse_as_short(dataset, model, seen + unseen)
     return seen + unseen
+
+
+def _refuse_as_short(dataset, model, findings):
+    """Refuse lags of friction of two samples at most where a travel that is over as soon predicts more."""
+    short = [f for f in findings if f.refused == BETWEEN]
+    for f in findings:
+        effect = find_effect(dataset.library, f.effect)
+        lags = [f.coefficients[c]["value"] for c, kind in effect.scan.items() if kind == "lag" and c in f.coefficients]
+        if "creep" in effect.scan.values() and max(lags) < 2 * _step(dataset) and any(
+                behind(f.selection, o.selection) for o in short):
+            f.refused = BETWEEN
 
 
 def _unseen(dataset, model, fit, finding):
