@@ -138,4 +138,4 @@ def _vanishes(expression):
     sizes, signs = rng.uniform(0.2, 0.9, (16, len(names))), rng.choice((-1.0, 1.0), (16, len(names)))
     points = sizes * np.where(np.arange(16)[:, None] < 4, 1.0, signs)
     found = [np.abs(np.array(value.call([ca.DM(v) for v in p])[0])).max() for p in points]
-    return max(f for f in found if np.isfinite(f)) < 1e-12  # a power of a negative variable is no number
+    return max((f for f in found if np.isfinite(f)), default=1.0) < 1e-12  # a power of a negative one is no number

@@ -174,7 +174,8 @@ def _lasting(dataset, model, fit):
     own = {kind: fit.parameters[f"{component_name(effect, place)}.{c}"] for c, kind in effect.scan.items()}
     speed = dataset.segment_signals(model, fit.parameters, [name := f"{place.components[0]}.w"])[name]
     moving = dataset.passes >= 0
-    steps, speed, number = np.gradient(dataset.time)[moving].clip(0, 1), np.abs(speed[moving]), dataset.passes[moving]
+    steps, speed = np.gradient(dataset.time)[moving].clip(0, 1), np.abs(speed[moving])
+    number = np.unique(dataset.passes[moving], return_inverse=True)[1]
     usual = {"travel": np.median(np.bincount(number, speed * steps)), "lag": np.median(np.bincount(number, steps)),
              "creep": np.median(speed)}
     return any(own.get(kind, 0.0) > most for kind, most in usual.items())

@@ -44,34 +44,24 @@ def rises(dataset, before, after):
     """
     if not dataset.is_test.any():
         return {}
-    sizes = [np.minimum(*pair) for pair in zip(_sizes(dataset, *before), _sizes(dataset, *after))]
-    fitted, left = (_squares(dataset, *m, "fit", sizes) for m in (before, after))
-    held, unseen = (_squares(dataset, *m, "test", sizes) for m in (before, after))
+    index = {part: dataset.picks(part)[0][1] for part in ("fit", "test")}
+    residuals = {part: [dataset.residuals(model, fit.free, fit.parameters, part).residual(fit.values)
+                        for model, fit in (before, after)] for part in index}
+    runs, count = {part: dataset.run[i] for part, i in index.items()}, len(dataset.logs)
+    sizes = np.minimum(*(_sizes(r, runs["fit"], count) for r in residuals["fit"]))
+    (fitted, left), (held, unseen) = ([np.mean((r / sizes[:, runs[part]]) ** 2, axis=1) for r in residuals[part]]
+                                      for part in index)
     if np.all(unseen <= AS_SMALL * left) and (left / fitted).min() < MOST:
         return {}  # one held-out pass may be as near to a wrong model as to a right one, by chance
     return dict(zip(dataset.channels, (unseen - held) / fitted))
 
 
-def _by_run(dataset, model, fit, part):
-    """Residual of a part, shape (channels, n), and the run of each of its samples."""
-    residual = dataset.residuals(model, fit.free, fit.parameters, part).residual(fit.values)
-    view = dataset.view(part)
-    return residual, dataset.run[view.i if dataset.paired else view]
-
-
-def _sizes(dataset, model, fit):
-    """RMSE of each channel in each run's fit part, in all of it where a run has few samples there: a list over runs."""
-    residual, run = _by_run(dataset, model, fit, "fit")
+def _sizes(residual, run, count):
+    """RMSE of each channel in each run, in all of them where a run has few samples: shape (channels, runs)."""
     whole = np.sqrt(np.mean(residual ** 2, axis=1)) + 1e-300
-    parts = [residual[:, run == k] for k in range(len(dataset.logs))]
-    return [np.maximum(np.sqrt(np.mean(own ** 2, axis=1)), CALMEST * whole) if own.shape[1] >= TELLING else whole
-            for own in parts]
-
-
-def _squares(dataset, model, fit, part, sizes):
-    """Mean squared error of each channel in a part, each run in units of its own size."""
-    residual, run = _by_run(dataset, model, fit, part)
-    return np.mean((residual / np.array(sizes).T[:, run]) ** 2, axis=1)
+    parts = [residual[:, run == k] for k in range(count)]
+    return np.array([np.maximum(np.sqrt(np.mean(own ** 2, axis=1)), CALMEST * whole) if own.shape[1] >= TELLING
+                     else whole for own in parts]).T
 
 
 def beyond(risen, without):

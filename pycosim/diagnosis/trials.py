@@ -180,7 +180,7 @@ def _refuse_as_short(dataset, model, findings):
     for f in findings:
         effect = find_effect(dataset.library, f.effect)
         lags = [f.coefficients[c]["value"] for c, kind in effect.scan.items() if kind == "lag" and c in f.coefficients]
-        if "creep" in effect.scan.values() and max(lags) < 2 * _step(dataset) and any(
+        if "creep" in effect.scan.values() and max(lags, default=np.inf) < 2 * _step(dataset) and any(
                 behind(f.selection, o.selection) for o in short):
             f.refused = BETWEEN
 
@@ -269,7 +269,7 @@ def _between(dataset, model, fit):
     way, turned = np.sign(dataset.speeds), np.zeros(len(dataset.time), dtype=bool)
     for k in range(1, FEW + 1):
         turned[k:] |= np.any(way[:, k:] != way[:, :-k], axis=0) | (dataset.run[k:] != dataset.run[:-k])
-    return bool(changed[turned[dataset.view("fit")]].sum() > MOSTLY * changed.sum())
+    return bool(changed[turned[dataset.picks("fit")[0][1]]].sum() > MOSTLY * changed.sum())
 
 
 def _step(dataset):

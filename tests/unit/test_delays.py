@@ -5,9 +5,11 @@ import pandas as pd
 import pytest
 
 from benchmarks.real_logs import closed_loop
+from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.data.torques import held_back
+from pycosim.diagnosis.trials import BETWEEN, _no_effect
 from pycosim.dynamics.delays import Record, undo
 from pycosim.dynamics.filters import first_order
 from pycosim.dynamics.simulate import estimate
@@ -225,3 +227,11 @@ def test_less_than_a_sample_of_delay_takes_no_noise_of_accelerations_away(effect
         return np.sum(data.residuals(model, free, {**fit.parameters, name: value}, "fit").residual(fit.values) ** 2)
 
     assert min(left(v) for v in values) > 0.98 * left(0.0)
+
+
+@pytest.mark.parametrize("effect", ["friction_lag", "dwell"])
+def test_a_memory_beside_a_delay_is_judged_without_a_torque_reference_too(effect, tmp_path):
+    dataset = Dataset(load_study(make("unpaired:viscous:1.7:8900", tmp_path, quick=True)), Library())
+    model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque"), (effect, "1A")])
+    fit = least_squares.fit(dataset, model)
+    assert dataset.paired and _no_effect(dataset, model, fit) in (None, BETWEEN)

@@ -108,7 +108,7 @@ def test_an_effect_must_take_more_than_it_leaves(sure, strength, left, expected)
 class Runs:
     """Logs of which a model is no more than what it leaves: by part, shape (channels, n), runs of 400 samples."""
 
-    channels, paired = ("a", "b"), False
+    channels = ("a", "b")
 
     def __init__(self, count, parts=("fit", "test")):
         self.logs, self.run = [None] * count, np.repeat(np.arange(count), 400)
@@ -117,8 +117,8 @@ class Runs:
     def residuals(self, model, free, parameters, part):
         return SimpleNamespace(residual=lambda values: model[part])
 
-    def view(self, part):
-        return np.arange(len(self.run))
+    def picks(self, part):
+        return [(1.0, np.arange(len(self.run)), None)]
 
 
 NONE = SimpleNamespace(free=[], parameters={}, values=[])  # of a fit
