@@ -9,7 +9,7 @@ import numpy as np
 
 from ..compile import ArrayFunction, catalogue, compile_model
 from ..core.errors import DataError
-from ..dynamics.delays import Record, undo
+from ..dynamics.delays import Clock, Record, undo
 from ..dynamics.filters import settings
 from ..dynamics.states import propagate
 from . import instruments, segmentation, torques, turns
@@ -80,7 +80,7 @@ class Dataset:
         self._segment()
         self._size()
         self._split()
-        self._views, self._records, self._early = {}, {}, None
+        self._views, self._early = {}, None
 
     # ---- what is known, what is compared
 
@@ -112,6 +112,7 @@ class Dataset:
     def _gather(self):
         self.time = np.concatenate([log.time for log in self.logs])
         self.run = np.concatenate([np.full(len(log.time), k) for k, log in enumerate(self.logs)])
+        self.clock, self._records = Clock(self.time, self.run), {}
         self.left_out = np.concatenate([self.study.left_out(log.name, log.time) for log in self.logs])
         shared = set.intersection(*[set(log.signals) for log in self.logs])
         self.measured = {v: np.concatenate([log.signals[v] for log in self.logs]) for v in sorted(shared)}
@@ -240,26 +241,42 @@ class Dataset:
         Returns
         -------
         dict of str to ndarray, shape (n,)
-            The same dict where nothing is delayed; else with each delay [s], a number, under ``at(x)``.
+            With each delay [s], a number, under ``at(x)``.
         """
         signals = self.signals if signals is None else signals
+        return {**signals, **self.moved(question, parameters, signals)}
+
+    def moved(self, question, parameters, signals, some=slice(None)):
+        """The signals alone whose record a model delays, at the times they tell of.
+
+        Parameters
+        ----------
+        question, parameters, signals
+            As of `undelayed`.
+        some : slice or ndarray of int
+            Samples wanted.
+
+        Returns
+        -------
+        dict of str to ndarray, as many as are wanted
+            With each delay [s], a number, under ``at(x)``.
+        """
         if not question.late:
-            return signals
+            return {}
         still = self.memo("dataset.still", lambda: np.zeros(len(self.time)))  # no push
-        unmeasured = {n: still for n in question.late if n not in signals}
+        all_given = {**{n: still for n in question.late if n not in signals}, **signals}
+        late = [n for n in question.late if not torques.is_motion(n)]
         if self.moving is None:  # no passes yet: torques are taken as recorded, of which no speed is made
-            return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
-                        {n: (still, still) for n in question.late if not torques.is_motion(n)},
-                        lambda name, lag: (still, still), self._record)
-        return undo(question, {**unmeasured, **signals}, self.time, self.run, parameters,
-                    {n: torques.slope(self, n) for n in question.late if not torques.is_motion(n)},
+            return undo(question, all_given, self.time, self.run, parameters, {n: (still, still) for n in late},
+                        lambda name, lag: (still, still), self._record, some=some)
+        return undo(question, all_given, self.time, self.run, parameters, {n: torques.slope(self, n) for n in late},
                     partial(torques.held_back, self), self._record,
-                    partial(torques.calm, self) if signals is self.signals else None)
+                    partial(torques.calm, self) if signals is self.signals else None, some)
 
     def _record(self, values):
         """A recorded signal that can be read at other times."""
         if id(values) not in self._records:
-            self._records[id(values)] = Record(self.time, values, self.run)  # holds them
+            self._records[id(values)] = Record(self.clock, values)  # holds them
         return self._records[id(values)]
 
     def exogenous(self):

@@ -88,7 +88,8 @@ class Residuals:
     measured : ndarray, shape (channels, n)
         In the channels' units; zero where the error itself is modelled.
     terms : callable
-        ``terms(parameters, free) -> list of Term``: the samples, with friction states for these parameters.
+        ``terms(parameters, free, thin) -> list of Term``: every so many-th sample, with friction states for these
+        parameters.
     free : list of str
         Parameters to differentiate by.
     parameters : dict of str to float
@@ -176,11 +177,9 @@ class Residuals:
         -------
         Residuals
         """
-        def terms(parameters, free):
-            return [Term(t.weight, {n: _slice(v, slice(None, None, k)) for n, v in t.signals.items()},
-                         t.states[:, ::k], t.sensitivities[:, :, ::k]) for t in self.terms(parameters, free)]
         fewer = copy.copy(self)  # shares the compiled functions
-        fewer.measured, fewer.terms = self.measured[:, ::k], terms
+        fewer.measured = self.measured[:, ::k]
+        fewer.terms = lambda parameters, free, thin=1: self.terms(parameters, free, k * thin)
         fewer.time, fewer.group, fewer.block = self.time[::k], self.group[::k], self.block[::k]
         fewer.lags, fewer.colour = None if self.lags is None else self.lags[::k], 1.0
         fewer.held = self.held and replace(self.held, where=self.held.where[::k])
@@ -381,23 +380,33 @@ def evaluated(dataset, model, picks, signals):
     Returns
     -------
     callable
-        ``terms(parameters, free) -> list of Term``.
+        ``terms(parameters, free, thin=1) -> list of Term``, of every so many-th sample.
     """
     question = dataset.ask(model)
     cached, stateful, read = {}, dependent_parameters(question), _read(dataset, question)
+    still = {n: v for n, v in signals.items() if n in read and n not in question.late}
+    at, taken = {}, {}
 
-    def terms(values, with_respect_to):
-        key = (tuple(values[n] for n in stateful), tuple(with_respect_to))
+    def terms(values, with_respect_to, thin=1):
+        key = (tuple(values[n] for n in stateful), tuple(with_respect_to), thin)
         if key not in cached:
             states, sensitivities = dataset.states(model, values, with_respect_to)
             cached.clear()
-            moved = dataset.undelayed(question, values, signals)
-            cached[key] = [Term(weight, {n: take(v) if isinstance(v, np.ndarray) else v
-                                         for n, v in moved.items() if n in read}, take(states),
-                                take(sensitivities)) for weight, _, take in picks]
+            if thin not in taken:
+                at[thin] = slice(None) if dataset.paired else picks[0][1][::thin]
+                taken[thin] = [{n: _at(take, v, thin) for n, v in still.items()} for _, _, take in picks]
+            moved = dataset.moved(question, values, signals, at[thin])
+            cached[key] = [Term(weight, {**given, **(
+                {n: _at(take, v, thin) for n, v in moved.items()} if dataset.paired else moved)},
+                _at(take, states, thin), _at(take, sensitivities, thin))
+                for (weight, _, take), given in zip(picks, taken[thin])]
         return cached[key]
 
     return terms
+
+
+def _at(take, value, thin):
+    return take(value)[..., ::thin] if isinstance(value, np.ndarray) else value
 
 
 def _read(dataset, question):

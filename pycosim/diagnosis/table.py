@@ -245,8 +245,8 @@ class Table:
             filtered = first_order(now[None], lag, self.dataset.time[self.path], self.dataset.run[self.path])[0][0]
             return self._spread(now - filtered)
         if id(now) not in self._records:
-            self._records[id(now)] = Record(self.dataset.time, now, self.dataset.run)
-        return self._spread(now[self.path] - self._records[id(now)].at(-delay, some=self.path))
+            self._records[id(now)] = Record(self.dataset.clock, now)
+        return self._spread(now[self.path] - self._records[id(now)].at(-delay, self.path)[0])
 
     def _spread(self, values):
         """Values along the path as an array over all samples, zero between."""

@@ -18,7 +18,7 @@ from .filters import settings
 _LEAST, _KEPT = 8, 4  # samples of a log that is moved; readings of a record that are kept
 
 
-def undo(question, signals, time, run, parameters, slopes=None, held=None, record=None, moved=None):
+def undo(question, signals, time, run, parameters, slopes=None, held=None, record=None, moved=None, some=slice(None)):
     """Signals of a question with their delays undone.
 
     Parameters
@@ -44,28 +44,33 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
     moved : callable, optional
         Name of a measured torque, its delay and its record moved by that, to the torque moved without its noise, which
         stays where it is, shape (n,); NaN where it may jump: there it is moved as recorded. As recorded by default.
+    some : slice or ndarray of int
+        Samples wanted.
 
     Returns
     -------
-    dict of str to ndarray
-        The same dict where nothing is delayed.
+    dict of str to ndarray, as many as are wanted
+        Those that the question delays, and each delay [s], a number, under ``at(x)``.
     """
+    found = {}
     if not question.late:
-        return signals
-    found = dict(signals)
+        return found
     values = settings(question, [*question.late.values(), *(f"lag({n})" for n in question.late)], parameters)
     for name, behind, lag in zip(question.late, *np.split(values, 2)):
         delay, (at_lag, by_lag) = behind - lag, (n.format(name) for n in FILTERED)
         if name not in (slopes or {}):
-            one = record(signals[name]) if record else Record(time, signals[name], run)
-            slope = one.at(delay, 1)
-            found[name], back = one.at(delay), (lag * slope, slope)
+            one = record(signals[name]) if record else Record(Clock(time, run), signals[name])
+            found[name], slope = one.at(delay, some)
+            back = lag * slope, slope
         else:
             near, slope = slice(None), slopes[name][0]
             if delay:
-                near, slope, found[name] = _moved(name, signals[name], time, run, delay, slopes[name], moved)
-            back = [v[near] for v in held(name, lag)] if at_lag in question.inputs else ()
+                near, slope, record_then = _moved(name, signals[name], time, run, delay, slopes[name], moved)
+                found[name] = record_then[some]
+            slope = slope[some]
+            back = [v[near][some] for v in held(name, lag)] if at_lag in question.inputs else ()
         found[f"at({name})"], found[f"der({name})"] = float(delay), slope
+        found.setdefault(name, signals[name][some])
         if at_lag in question.inputs:
             found[name], found[at_lag], found[by_lag] = found[name] + back[0], float(lag), back[1]
     return found
@@ -116,53 +121,107 @@ def between(time, values, run, later):
     return found
 
 
-class Record:
-    """A recorded signal that can be read at other times, log by log; beyond a log's ends, its nearest value.
+class Clock:
+    """When the samples of some logs were taken; what several records share, asked for later times.
 
     Parameters
     ----------
-    time, values, run : ndarray, shape (n,)
-        Samples [s], the signal there, and the number of the log that each belongs to.
+    time, run : ndarray, shape (n,)
+        Of the samples [s], and the number of the log that each belongs to.
     """
 
-    def __init__(self, time, values, run):
-        self.time, self.values, self.run = time, values, run
-        parts = ((k, run == k) for k in np.unique(run))
-        self.splines = {k: CubicSpline(time[part], values[part]) for k, part in parts if part.sum() >= _LEAST}
-        self._known = {}
+    def __init__(self, time, run):
+        self.time, self.run = time, run
+        self.logs = [np.flatnonzero(run == k) for k in np.unique(run)]
+        self._known, self._last = {}, (None, None, None)
 
-    def at(self, later, order=0, some=slice(None)):
-        """Values, or slopes, at later times.
+    def at(self, later, some):
+        """The sample before each later time, and how long before; times beyond a log's ends are its ends.
 
         Parameters
         ----------
         later : float
             [s]
-        order : int
-            1 for the slope instead.
         some : slice or ndarray of int
             Samples wanted.
 
         Returns
         -------
-        ndarray, as many as are wanted
+        ndarray of int, ndarray
+            Number of the sample, and time since it [s].
         """
-        if later == 0 and not order:
-            return self.values[some]
-        if not isinstance(some, slice):
-            return self._read(later, order, some)
-        found = self._known.get((later, order))  # asked for again and again where a delay is held
-        if found is None:
-            found = self._read(later, order, some)
-            found.flags.writeable = False
-            self._known = dict([*self._known.items()][1 - _KEPT:]) | {(later, order): found}
-        return found
+        if self._last[0] != later or self._last[1] is not some:  # one record after the other asks
+            self._last = later, some, _kept(self._known, later, some, self._before)
+        return self._last[2]
 
-    def _read(self, later, order, some):
-        """The same without what is known."""
+    def _before(self, later, some):
         time, run = self.time[some], self.run[some]
-        result = np.zeros(len(time)) if order else self.values[some].copy()
-        for k, spline in self.splines.items():
-            wanted = run == k
-            result[wanted] = spline(np.clip(time[wanted] + later, spline.x[0], spline.x[-1]), order)
-        return result
+        before, since = np.empty(len(time), dtype=int), np.empty(len(time))
+        for log in self.logs:
+            own = self.time[log]
+            wanted = slice(None) if len(self.logs) == 1 else run == self.run[log[0]]
+            then = np.clip(time[wanted] + later, own[0], own[-1])
+            k = np.searchsorted(own, then, side="right") - 1
+            before[wanted], since[wanted] = log[k], then - own[k]
+        return before, since
+
+
+class Record:
+    """A recorded signal that can be read at other times, log by log; beyond a log's ends, its nearest value.
+
+    Parameters
+    ----------
+    clock : Clock
+        Of its samples.
+    values : ndarray, shape (n,)
+        The signal there.
+    """
+
+    def __init__(self, clock, values):
+        self.clock, self.values = clock, values
+        self.pieces = np.zeros((4, len(values)))  # of a cubic after each sample, highest power first
+        self.pieces[3] = values
+        for log in clock.logs:
+            if len(log) >= _LEAST:
+                spline = CubicSpline(clock.time[log], values[log])
+                self.pieces[:, log[:-1]] = spline.c
+                self.pieces[2, log[-1]] = spline(clock.time[log[-1]], 1)
+        self._known = {}
+
+    def at(self, later, some=slice(None)):
+        """Values and slopes at later times.
+
+        Parameters
+        ----------
+        later : float
+            [s]
+        some : slice or ndarray of int
+            Samples wanted.
+
+        Returns
+        -------
+        ndarray, ndarray; as many as are wanted
+        """
+        return _kept(self._known, later, some, self._read)
+
+    def _read(self, later, some):
+        before, since = self.clock.at(later, some)
+        cubic, square, slope, value = self.pieces[:, before]
+        values = ((cubic * since + square) * since + slope) * since + value if later else self.values[some]
+        return values, (3 * cubic * since + 2 * square) * since + slope
+
+
+def _kept(known, later, some, read):
+    """Readings of all samples, where they are known; those of some are made anew until they are asked for again.
+
+    A delay that is held is asked for again and again, one that is looked for is another each time.
+    """
+    if later not in known:
+        for old in [*known][:1 - _KEPT]:
+            del known[old]
+        if not isinstance(some, slice):
+            known[later] = None
+            return read(later, some)
+    if known.get(later) is None:
+        known[later] = read(later, slice(None))
+    return tuple(v[some] for v in known[later])

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
 from benchmarks.real_logs import closed_loop
 from benchmarks.real_logs.make import make
@@ -10,7 +11,7 @@ from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.data.torques import held_back
 from pycosim.diagnosis.trials import BETWEEN, _no_effect
-from pycosim.dynamics.delays import Record, undo
+from pycosim.dynamics.delays import Clock, Record, undo
 from pycosim.dynamics.filters import first_order
 from pycosim.dynamics.simulate import estimate
 from pycosim.fit import least_squares
@@ -23,8 +24,8 @@ RIG = "DriveTrain.Rigs.GearedJoint"
 
 @pytest.mark.parametrize("later", [-0.0137, 0.004, 0.05])
 def test_a_smooth_signal_is_moved_by_any_part_of_a_sample(later):
-    record = Record(TIME, np.sin(3 * TIME), ONE)
-    moved, slope = record.at(later), record.at(later, 1)
+    record = Record(Clock(TIME, ONE), np.sin(3 * TIME))
+    moved, slope = record.at(later)
     inside = slice(20, -20)
     np.testing.assert_allclose(moved[inside], np.sin(3 * (TIME + later))[inside], atol=1e-7)
     np.testing.assert_allclose(slope[inside], 3 * np.cos(3 * (TIME + later))[inside], atol=1e-4)
@@ -32,7 +33,7 @@ def test_a_smooth_signal_is_moved_by_any_part_of_a_sample(later):
 
 def test_one_log_does_not_reach_into_the_next():
     run = np.repeat([0.0, 1.0], len(TIME) // 2)
-    moved = Record(np.tile(TIME[:200], 2), run, run).at(0.05)
+    moved = Record(Clock(np.tile(TIME[:200], 2), run), run).at(0.05)[0]
     np.testing.assert_allclose(moved, run, atol=1e-12)
 
 
@@ -235,3 +236,44 @@ def test_a_memory_beside_a_delay_is_judged_without_a_torque_reference_too(effect
     model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque"), (effect, "1A")])
     fit = least_squares.fit(dataset, model)
     assert dataset.paired and _no_effect(dataset, model, fit) in (None, BETWEEN)
+
+
+def test_a_study_whose_effect_moves_the_motion_can_be_opened(tmp_path):
+    """The force of an axis is compared, so that a delay of it moves all that is known of the motion."""
+    time = np.arange(0, 20, 0.005)
+    speed = 0.05 * np.sin(2 * np.pi * time / 5) + 0.02 * np.sin(2 * np.pi * time / 0.7)
+    motion = pd.DataFrame({"time": time, "x": cumulative_trapezoid(speed, time, initial=0)})
+    force = 180 * speed + 90 * np.gradient(speed, time)
+    motion["F"] = np.interp(time - 0.01, time, force) + 0.05 * np.random.default_rng(0).standard_normal(len(time))
+    motion.to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "study.toml").write_text("""
+[rig]
+model = "DriveTrain.Rigs.LinearAxis"
+[parameters]
+"carriage.J" = { value = 80.0, fixed = false }
+"guide.f0" = { value = 0.0 }
+"viscous_guide.b" = { value = 100.0, fixed = false }
+[data]
+runs = ["log.csv"]
+[columns]
+x = { variable = "motor.phi", unit = "m" }
+F = { variable = "force", unit = "N" }
+[[effects]]
+effect = "time_delay"
+place = "force"
+""")
+    dataset = Dataset(load_study(tmp_path / "study.toml"), Library())
+    found = least_squares.fit(dataset, dataset.base)
+    assert found.parameters["time_delay_force.d"] == pytest.approx(0.01, abs=1e-3)
+
+
+@pytest.mark.parametrize("later", [-0.0137, 0.004, 0.05, 0.0])
+def test_some_samples_are_moved_as_all_of_them_are(later):
+    run = np.repeat([0.0, 1.0], len(TIME) // 2)
+    some, time = np.array([3, 180, 201, 399]), np.tile(TIME[:200], 2)
+    for readings in range(3):  # the first is made of some, later ones are kept of all
+        record = Record(Clock(time, run), np.sin(3 * time))
+        for _ in range(readings):
+            record.at(later, some)
+        for few, all_ in zip(record.at(later, some), record.at(later)):
+            np.testing.assert_array_equal(few, all_[some])
