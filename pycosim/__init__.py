@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .core.errors import PycosimError as PycosimError
+    from .core.executors import computing as computing
     from .project import Calibration as Calibration
     from .project import Candidate as Candidate
     from .project import Check as Check
@@ -56,6 +57,7 @@ _NAMES = {
     "Search": ("project", "Search"),
     "Step": ("project", "Step"),
     "calibrate": ("project", "calibrate"),
+    "computing": ("core.executors", "computing"),
     "cosimulate": ("project", "cosimulate"),
     "open": ("project", "open_project"),
 }

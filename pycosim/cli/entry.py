@@ -12,6 +12,7 @@ import warnings
 
 from .. import __version__
 from ..core.errors import PycosimError
+from ..core.executors import computing
 from .parser import VERBS, UsageError, build_parser, complete, parse
 from .progress import Progress
 
@@ -59,7 +60,13 @@ def run_verb(arguments, progress):
         return ""
     if getattr(arguments, "studies", None):
         return verbs.improve_many(arguments, progress)
-    run = verbs.Run(arguments, progress)
+    with computing(getattr(arguments, "on", "serial"), getattr(arguments, "workers", None)):
+        return _on_one_study(verbs.Run(arguments, progress), arguments, start)
+
+
+def _on_one_study(run, arguments, start):
+    """Do what a verb does with a study; text for stdout."""
+    from . import verbs
     if arguments.verb == "add":
         run.project.places(arguments.effect)  # refused before a log is read
     if arguments.verb == "confirm":

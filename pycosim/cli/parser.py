@@ -75,6 +75,8 @@ EXPORT = {
 }
 ROBUST = ("identify", "diagnose", "add", "improve", "report")
 """Verbs whose fits can be told to count samples that are far out for less."""
+ELSEWHERE = ("diagnose", "add", "improve", "report")
+"""Verbs with fits that do not need each other."""
 MANY = {"improve": "; with several, DIR holds a folder for each, and studies.csv"}
 NEW = ("--map", "--rate", "--si", "--without", "--rated")
 PLAN = ("--goal", "--budget", "--rate", "--criterion", "--between")
@@ -134,6 +136,11 @@ def _common_options(sub, verb):
     if verb in ROBUST:
         sub.add_argument("--robust", action="store_true",
                          help="count samples that are far out for less, as [fit] robust = true does")
+    if verb in ELSEWHERE:
+        what = "fits that do not need each other" + (", or several studies," if verb == "improve" else "")
+        sub.add_argument("--on", metavar="WHERE", default="serial",
+                         help=f"where {what} are computed: serial (default), threads, processes, or dask://HOST:PORT")
+        sub.add_argument("--workers", type=int, metavar="N", help="threads or processes (default: one a core)")
     reads = verb not in ("demo", "export", "cosim")
     sub.add_argument("--data", nargs="+", metavar="FILE",
                      help="logs, instead of the study's own" if reads else argparse.SUPPRESS)
@@ -157,10 +164,6 @@ def _cosim_options(sub):
 
 
 def _improve_options(sub):
-    sub.add_argument("--on", metavar="WHERE", default="serial",
-                     help="where several studies are computed: serial (default), threads, processes, or "
-                          "dask://HOST:PORT")
-    sub.add_argument("--workers", type=int, metavar="N", help="threads or processes (default: one a core)")
     sub.add_argument("--bare", action="store_true", help="results alone, no figures and no page: some seconds less")
 
 
@@ -229,10 +232,6 @@ def _one_or_many(arguments):
     arguments.study = arguments.study[0]
     if arguments.studies and arguments.data:
         raise UsageError("--data is for one study; with several, each names its own logs in [data] runs")
-    if not arguments.studies and arguments.on != "serial":
-        raise UsageError("--on is for several studies; one is computed here")
-    if arguments.workers is not None and arguments.workers < 1:
-        raise UsageError(f"--workers {arguments.workers}: there must be one at least")
 
 
 def complete():
@@ -270,7 +269,8 @@ def parse(argv):
         known += [*EXPORT, "--self-contained"] if known and arguments.verb == "export" else []
         known += ["--robust"] if known and arguments.verb in ROBUST else []
         known += ["--fmu"] if known and arguments.verb == "identify" else []
-        known += ["--on", "--workers", "--bare"] if known and arguments.verb == "improve" else []
+        known += ["--on", "--workers"] if known and arguments.verb in ELSEWHERE else []
+        known += ["--bare"] if known and arguments.verb == "improve" else []
         known += NEW if known and arguments.verb == "new" else []
         known += PLAN if known and arguments.verb == "plan" else []
         if known and arguments.verb == "cosim":
@@ -280,6 +280,8 @@ def parse(argv):
                          f"see 'pycosim {arguments.verb or ''} --help'".replace("  ", " "))
     if arguments.verb == "improve":
         _one_or_many(arguments)
+    if arguments.verb in ELSEWHERE and arguments.workers is not None and arguments.workers < 1:
+        raise UsageError(f"--workers {arguments.workers}: there must be one at least")
     if arguments.verb is None and argv:
         raise UsageError(f"no verb; one of {', '.join(VERBS)}")
     return arguments

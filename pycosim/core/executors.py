@@ -16,12 +16,14 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 from .errors import PycosimError, closest
 
 WORDS = ("serial", "threads", "processes")
 DASK = "dask://"
 PATIENCE = 10  # s, for a scheduler of dask to answer
+_POOL = ContextVar("pool", default=None)
 
 
 class ExecutorError(PycosimError):
@@ -152,6 +154,77 @@ def each(work, where="serial", workers=None, imports=()):
         yield key, future
 
 
+@contextmanager
+def computing(where="serial", workers=None, imports=("pycosim.diagnosis.search",)):
+    """Where fits that do not need each other are computed, of all that is done in a block.
+
+    The answers are the same everywhere. Results of another process are those of this one only if both round alike: set
+    OMP_NUM_THREADS=1 before Python starts, as the command line does.
+
+    Parameters
+    ----------
+    where : str
+        ``serial``, ``threads``, ``processes``, or ``dask://host:port``, a scheduler of dask.distributed.
+    workers : int, optional
+        Threads or processes; as many as there are cores by default.
+    imports : sequence of str
+        As for `executor`.
+
+    Raises
+    ------
+    ExecutorError
+        No such place, or it does not answer.
+
+    Examples
+    --------
+    >>> import pycosim as pc
+    >>> with pc.computing("processes", workers=4):          # doctest: +SKIP
+    ...     found = pc.open("study.toml").improve()
+
+    A script that does so keeps it below ``if __name__ == "__main__":``, for its processes import it.
+    """
+    with executor(where, workers, imports) as pool:
+        before = _POOL.set(pool)
+        try:
+            yield
+        finally:
+            _POOL.reset(before)
+
+
+def in_turn(work):
+    """Results of pieces of work that do not need each other, in their order; computed where `computing` says.
+
+    A piece whose process was killed is done again here.
+
+    Parameters
+    ----------
+    work : iterable of (callable, argument, ..)
+        What is done elsewhere must be known there by name.
+
+    Yields
+    ------
+    object
+        What the piece returned; what it raised is raised.
+
+    Examples
+    --------
+    >>> list(in_turn([(abs, -2), (max, 1, 3)]))
+    [2, 3]
+    """
+    pool = _POOL.get()
+    if pool is None or isinstance(pool, Serial):  # one after the other, so that what is not asked for is not done
+        for function, *arguments in work:
+            yield function(*arguments)
+        return
+    futures = [(pool.submit(*piece), piece) for piece in work]
+    try:
+        for future, (function, *arguments) in futures:
+            yield function(*arguments) if lost(future.exception()) else future.result()
+    finally:
+        for future, _ in futures:
+            future.cancel()
+
+
 def _begun(imports):
     """How processes begin: never as a fork of this one, which would copy locks that its threads hold."""
     if not imports or "forkserver" not in multiprocessing.get_all_start_methods():
@@ -204,4 +277,4 @@ def _dask(address):
         yield pool
 
 
-__all__ = ["ExecutorError", "Serial", "each", "executor", "lost"]
+__all__ = ["ExecutorError", "Serial", "computing", "each", "executor", "in_turn", "lost"]

@@ -67,6 +67,8 @@ class Dataset:
         What is derived from the recorded angles.
     parameters : Parameters
         What study and logs say of the parameters of models of this rig.
+    early : ndarray of bool, shape (n,), or None
+        Samples left out of all parts, since a filter has not settled there; see `settled`.
     """
 
     def __init__(self, study, library, logs=None):
@@ -80,7 +82,7 @@ class Dataset:
         self._segment()
         self._size()
         self._split()
-        self._views, self._early = {}, None
+        self._views, self.early = {}, None
 
     # ---- what is known, what is compared
 
@@ -467,7 +469,7 @@ class Dataset:
         key = blocks.tobytes()
         if key not in self._views:
             inside = np.isin(self.block, blocks) & self.moving & (self.passes >= 0)
-            inside = inside if self._early is None else inside & ~self._early
+            inside = inside if self.early is None else inside & ~self.early
             if not self.paired:
                 self._views[key] = np.flatnonzero(inside)
             else:
@@ -497,12 +499,26 @@ class Dataset:
         Dataset
             With fewer samples in its parts; this one where the model filters no torque, or nothing is left out.
         """
-        lag = 0.0 if self._early is not None else torques.lag(self.ask(model), parameters)
+        lag = 0.0 if self.early is not None else torques.lag(self.ask(model), parameters)
         early = torques.unsettled(self, lag) if lag > 0 else None
-        if early is None or not early.any():
+        return self if early is None or not early.any() else self.without(early)
+
+    def without(self, early):
+        """These data with fewer samples in their parts.
+
+        Parameters
+        ----------
+        early : ndarray of bool, shape (n,), or None
+            Samples that are in no part; None of none.
+
+        Returns
+        -------
+        Dataset
+        """
+        if early is self.early:
             return self
         other = copy.copy(self)
-        other._views, other._early = {}, early
+        other._views, other.early = {}, early
         return other
 
     def path(self, part, thin):

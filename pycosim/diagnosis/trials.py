@@ -10,6 +10,8 @@ from scipy.special import chdtrc
 from ..compile import compile_model, component_name, find_effect, find_place
 from ..compile.contribution import effect_question
 from ..core.errors import NoAnswerError, PycosimError
+from ..core.executors import in_turn
+from ..data.sent import Sent
 from ..fit import least_squares
 from ..fit.late import delays
 from .crossval import select
@@ -144,9 +146,15 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
         Those that could be fitted.
     """
     def refitted(some):
-        for k, f in enumerate(some, 1):
+        larger = [compile_model(dataset.library, model.rig, [*model.keys, f.key]) for f in some]
+        results = in_turn((tried, Sent(dataset), model.rig, m.keys, _starts(m, fit, f, table), scores.single, base)
+                          for f, m in zip(some, larger))
+        for k, (f, m) in enumerate(zip(some, larger), 1):
             say(f"refitting with {f.effect} at {f.place}, {k} of {len(some)}")
-            if _refit(dataset, model, fit, scores, f, base, table):
+            if (found := next(results)) is not None:
+                f.fit, f.selection = found
+                measure(f, m, m.attached[-1], table)
+                f.refused = _no_effect(dataset, m, f.fit)
                 yield f
 
     def lowest(some):
@@ -216,11 +224,10 @@ def _cost(fit, usual):
     return sum((e / u) ** 2 for e, u in zip(fit.error.values(), usual.ravel()))
 
 
-def _refit(dataset, model, fit, scores, finding, alone, table):
-    """Fit the model with one candidate; whether it could be fitted."""
-    larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
+def _starts(model, fit, finding, table):
+    """Where the fits of a model with one candidate more begin."""
     start, lifted = {**fit.parameters, **finding.start}, {}
-    for component in larger.attached[-1][1].components:
+    for component in model.attached[-1][1].components:
         name = f"{component}.f0"
         if name in fit.free and start[name] < table.least_loss(component):
             lifted[name] = table.least_loss(component)
@@ -230,15 +237,40 @@ def _refit(dataset, model, fit, scores, finding, alone, table):
     starts = [{**start, **lifted}]
     if lifted and not any(fit.at_bound(name) for name in lifted):
         starts.append(start)  # a small loss that nothing presses may be what there is
+    return [nudged(s, model, finding) for s in starts]
+
+
+def tried(sent, rig, keys, starts, noise, alone):
+    """Fit a model with a candidate from several starts, and judge the best on unseen folds; done anywhere.
+
+    Parameters
+    ----------
+    sent : Sent
+        The data.
+    rig : str
+        Class of the rig.
+    keys : list of (str, str)
+        Effects and places, the candidate's last.
+    starts : list of dict of str to float
+        All parameters, SI units.
+    noise : list of Noise
+        One a channel.
+    alone : Selection
+        Of the model without the candidate.
+
+    Returns
+    -------
+    (Fit, Selection), or None
+        None where the candidate cannot be fitted.
+    """
+    dataset = sent.dataset
+    model = compile_model(dataset.library, rig, keys)
     try:
-        fits = [_best_fit(dataset, larger, nudged(s, larger, finding), scores.single, alone.usual) for s in starts]
+        fits = [_best_fit(dataset, model, start, noise, alone.usual) for start in starts]
     except PycosimError:
-        return False
-    finding.fit = min(fits, key=lambda f: _cost(f, alone.usual))
-    finding.selection = select(dataset, larger, finding.fit, scores.single, alone)
-    measure(finding, larger, larger.attached[-1], table)
-    finding.refused = _no_effect(dataset, larger, finding.fit)
-    return True
+        return None
+    best = min(fits, key=lambda f: _cost(f, alone.usual))
+    return best, select(dataset, model, best, noise, alone)
 
 
 def _no_effect(dataset, model, fit):

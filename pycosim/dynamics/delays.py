@@ -150,9 +150,10 @@ class Clock:
         ndarray of int, ndarray
             Number of the sample, and time since it [s].
         """
-        if self._last[0] != later or self._last[1] is not some:  # one record after the other asks
-            self._last = later, some, _kept(self._known, later, some, self._before)
-        return self._last[2]
+        last = self._last  # threads may share a clock
+        if last[0] != later or last[1] is not some:  # one record after the other asks
+            self._last = last = later, some, _kept(self._known, later, some, self._before)
+        return last[2]
 
     def _before(self, later, some):
         time, run = self.time[some], self.run[some]
@@ -218,10 +219,11 @@ def _kept(known, later, some, read):
     """
     if later not in known:
         for old in [*known][:1 - _KEPT]:
-            del known[old]
+            known.pop(old, None)
         if not isinstance(some, slice):
             known[later] = None
             return read(later, some)
-    if known.get(later) is None:
-        known[later] = read(later, slice(None))
-    return tuple(v[some] for v in known[later])
+    found = known.get(later)
+    if found is None:
+        known[later] = found = read(later, slice(None))
+    return tuple(v[some] for v in found)

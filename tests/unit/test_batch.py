@@ -4,18 +4,21 @@ import csv
 import json
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pycosim as pc
 from pycosim.cli import batch
 from pycosim.cli.entry import main
-from pycosim.core.executors import ExecutorError, each, executor
+from pycosim.core.executors import ExecutorError, computing, each, executor, in_turn
+from pycosim.data.sent import Sent
 
 
 def pretend(study, folder, robust=False, bare=False):
@@ -181,13 +184,53 @@ def test_studies_of_one_name_have_folders_of_their_own():
 @pytest.mark.parametrize("argv, message", [
     (["a.toml", "b.toml", "--on", "thread"], "closest: 'threads'"),
     (["a.toml", "b.toml", "--data", "run.csv"], "--data is for one study"),
-    (["a.toml", "--on", "threads"], "--on is for several studies"),
+    (["a.toml", "--on", "proceses"], "closest: 'processes'"),
     (["a.toml", "b.toml", "--workers", "0"], "there must be one at least")])
 def test_a_slip_in_the_options_is_told(tmp_path, monkeypatch, capsys, argv, message):
     monkeypatch.chdir(tmp_path)
     assert main(["improve", *argv]) == 2
     told = capsys.readouterr().err
     assert message in told and told.count("\n") == 1
+
+
+def killed_elsewhere(here, value):
+    """The value, where it is asked for by the process with this number; any other dies of it."""
+    if os.getpid() != here:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return value
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_results_come_in_turn_and_what_was_killed_elsewhere_is_done_here():
+    work = [(pow, 2, 3), (killed_elsewhere, os.getpid(), "here"), (max, 1, 2)]
+    with computing("processes", 1, ()):
+        assert list(in_turn(work)) == [8, "here", 2]
+    assert list(in_turn(work)) == [8, "here", 2]
+
+
+def test_what_is_not_asked_for_is_not_done():
+    done = []
+    results = in_turn([(done.append, 1), (done.append, 2)])
+    next(results)
+    assert done == [1]
+
+
+@pytest.mark.parametrize("where", ["threads", "processes"])
+def test_a_diagnosis_is_the_same_wherever_its_fits_are_computed(hidden, where):
+    def told():
+        return pc.open(hidden / "study.toml").diagnose().candidates.to_frame().to_csv()
+    here = told()
+    with pc.computing(where, workers=2):
+        assert told() == here
+
+
+def test_a_data_set_that_was_sent_is_made_once_and_leaves_out_the_same(hidden):
+    dataset = pc.open(hidden / "study.toml").fit().dataset
+    early = dataset.passes == dataset.passes[-1]
+    first, other = (pickle.loads(pickle.dumps(Sent(d))).dataset for d in (dataset, dataset.without(early)))
+    assert first is not dataset and first.clock is other.clock
+    for mine, theirs in ((dataset, first), (dataset.without(early), other)):
+        assert np.array_equal(mine.view("all"), theirs.view("all"))
 
 
 def test_no_scheduler_is_told_in_a_sentence(monkeypatch):
