@@ -26,7 +26,7 @@ from .remainder import LEFT, remaining, rises
 from .rivals import behind, by_kind, plainly_better, too_many, twins
 from .scores import LEVEL, Scores
 from .table import Table
-from .trials import as_findings, fit_to_all, refit_best
+from .trials import as_findings, fit_to_all, pressed, refit_best
 
 SLOW, DRIFTS, VISIBLE = 2.0, 9.0, 0.01
 """Squared error of a torque over that of its noise floor, and error over the torque, from which what is left is more
@@ -155,7 +155,7 @@ def _against(dataset, whole, before, after, usual):
     """What speaks against an effect that was fitted to all samples, in words; None where nothing does."""
     if whole is not dataset and _risen(whole, before, after, usual):
         return STARTS
-    if endless(after[1]):
+    if endless(after[1]) or pressed(*after):
         return ENDLESS
     if _lasting(dataset, *after):
         return LASTING
@@ -265,7 +265,8 @@ def _considered(rivals, earned, best, base, refines, steady):
     """What is said where a finding is the best: it or what it corrects, alternatives, and whether it is constant."""
     able = [f for f in rivals if f.refused not in (*ELSE, UNSOLVED)]
     others = [f for f in able if f is not best and twins(base, f, best)]
-    plain = next((f for f in earned if f.effect == refines.get(best.effect) and twins(base, f, best, 3.0)), None)
+    plain = next((f for f in earned if f.effect == refines.get(best.effect) and (
+        twins(base, f, best, 3.0) or np.all(_shares(f.selection.channels, best.selection.channels) < MATTERS))), None)
     if plain is not None and steady(plain):  # a correction is not claimed where the effect itself does nearly as well
         return plain, [f for f in able if f is not plain and (f is best or f in others or twins(base, f, plain))], True
     return best, others, bool(steady(best))

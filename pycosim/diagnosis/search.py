@@ -16,7 +16,7 @@ from .dependence import dependence
 from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises
 from .rivals import PLAIN, SEPARATE, alike, behind, too_many
-from .trials import TRIAL, nudged
+from .trials import TRIAL, nudged, pressed
 
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
@@ -371,6 +371,10 @@ def _shortfall(dataset, steps, noise, known, seed):
     Over what is allowed: the largest of what each would gain where its coefficient varies, beside the others, of what
     it adds to the errors of the held-out part, and of what is left over what they have taken together.
     """
+    added = [s.added for s in steps[known:]]
+    if any(pressed(steps[-1].model, steps[-1].fit, (e, p)) for e, p in steps[-1].model.attached
+           if (e.id, p.name) in added):  # what has no best size stands in for something else
+        return float("inf")
     fulls = _Selections(dataset, steps[-1], noise)
     here, full = fulls.beside(steps[known - 1].model)
     before = select(here, steps[known - 1].model, steps[known - 1].fit, noise, full)

@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 
 from benchmarks.real_logs import closed_loop
-from benchmarks.real_logs.make import make
+from benchmarks.real_logs.make import GEARED, make
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.data.torques import held_back
@@ -236,6 +236,23 @@ def test_a_memory_beside_a_delay_is_judged_without_a_torque_reference_too(effect
     model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque"), (effect, "1A")])
     fit = least_squares.fit(dataset, model)
     assert dataset.paired and _no_effect(dataset, model, fit) in (None, BETWEEN)
+
+
+@pytest.mark.parametrize("swing, refused", [(0.0, BETWEEN), (3.0, None)])
+def test_a_delay_of_less_than_a_sample_that_acts_at_turns_is_what_happens_between_two(swing, refused, tmp_path):
+    """Passes at even speed under no load, where it acts at turns alone, and under one that swings all along."""
+    time = np.arange(0, 48, 0.02)
+    way = np.interp(time % 4, [0, 0.3, 0.34, 1.66, 1.7, 2.3, 2.34, 3.66, 3.7, 4], [0, 0, 1, 1, 0, 0, -1, -1, 0, 0])
+    load = swing * np.sin(2 * np.pi * time / 0.9)
+    log = pd.DataFrame({"time": time, "theta": cumulative_trapezoid(2 * way, time, initial=0), "omega": 2 * way,
+                        "C": 15 * load, "tau": load + 0.3 * np.sign(way)})
+    log[["C", "tau"]] += np.random.default_rng(0).standard_normal((len(time), 2)) * (0.05, 0.005)
+    log.to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "study.toml").write_text(GEARED.replace("runs = []", 'runs = ["log.csv"]'))
+    dataset = Dataset(load_study(tmp_path / "study.toml"), Library())
+    model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque")])
+    fit = least_squares.fit(dataset, model, {"time_delay_torque.d": 0.014}, held=["time_delay_torque.d"])
+    assert _no_effect(dataset, model, fit) == refused
 
 
 def test_a_study_whose_effect_moves_the_motion_can_be_opened(tmp_path):

@@ -1,12 +1,18 @@
 """How rivals are compared on folds that they were not fitted to."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pycosim.diagnosis.crossval import _cross_validate, _in_branches, _predictive
+from pycosim.compile import Library, compile_model
+from pycosim.diagnosis.crossval import Selection, _cross_validate, _in_branches, _predictive
+from pycosim.diagnosis.decide import _considered
 from pycosim.diagnosis.finding import Finding
-from pycosim.diagnosis.rivals import CONTESTED, KINDS, too_many
+from pycosim.diagnosis.rivals import CONTESTED, KINDS, alike, too_many
+from pycosim.diagnosis.trials import pressed
 from pycosim.fit.bounded import bounded
+from pycosim.fit.least_squares import Fit
 
 FREE = np.full(2, np.inf)
 
@@ -81,3 +87,31 @@ def test_no_rival_does_better_by_taking_samples_without_load_for_the_noisier_bra
     level = 0.98 * np.where(other, 1.0, 1.3)
     assert _in_branches(level, other, beside, loaded) == pytest.approx(0.98 * beside)
     assert _in_branches(level, loaded, beside, loaded) is level
+
+
+def refitted(effect, squares, white):
+    """A finding that leaves so much in two channels on ten blocks each."""
+    level, none = np.ones((2, 10)), np.zeros((0, 10), dtype=bool)
+    channels = np.outer(squares, np.ones(10)) / 10
+    return Finding(effect, "1A", selection=Selection(channels, channels, np.full(10, white / 10), level, none))
+
+
+@pytest.mark.parametrize("more, said", [(0.03, "viscous"), (0.07, "sublinear_viscous")])
+def test_a_correction_is_claimed_where_it_takes_enough_beyond_what_it_corrects(more, said):
+    """However sure it is: of a viscous friction 2 % of the squared error were an exponent of 0.96."""
+    base, plain = refitted("", [40.0, 40.0], 800.0).selection, refitted("viscous", [10.0, 10.0], 300.0)
+    best = refitted("sublinear_viscous", [10.0 * (1 - more), 10.0], 200.0)
+    rivals = [best, plain]
+    assert not alike(base, plain.selection, best.selection, 3.0)
+    found = _considered(rivals, rivals, best, base, {"sublinear_viscous": "viscous"}, lambda finding: True)
+    assert found[0].effect == said
+
+
+@pytest.mark.parametrize("value, end", [(0.0, False), (0.4, False), (1.0, True)])
+def test_a_size_at_the_end_of_what_is_allowed_is_no_measurement_but_none_at_all_is(value, end):
+    model = compile_model(Library(), "DriveTrain.Rigs.HipKnee", [("load_nonlinearity", "1A")])
+    name = "load_nonlinearity_1A.d"
+    variable = replace(model.parameters[name], min=0.0, max=1.0)
+    fit = Fit({name: value}, [name], {name: variable}, np.array([value]), np.array([value]), np.eye(1),
+              np.zeros((0, 1)), 10.0, [], [], np.ones(1))
+    assert pressed(model, fit) == end
