@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from ..compile import FILTERED
 from ..core.errors import StudyError, UnknownNameError, closest
 from ..core.units import Variable
 from ..dynamics.states import advance
@@ -130,9 +131,33 @@ class _Builder:
                                                  what="Wanted" if prefix else "Measured", motor=m))
         return found
 
-    def ask(self, question, known, outputs, states=None):
+    def given(self, question, form=0):
+        """Inputs for all that a form of a question is given, by the names that it uses: the motors' motion first.
+
+        Of a motor whose angle is known these are angle, speed and acceleration; of one whose speed is, the last two.
+        What an attached effect holds back of a record is not held back here.
+        """
+        q, kinds, found = self.model.question(question, form), list(_WHAT), {}
+        known = self.model.alternatives(question)[form][1]
+        for m in self.motors:
+            first = next((k for k, kind in enumerate(kinds) if f"{m}.{kind}" in known), len(kinds))
+            for k, kind in enumerate(kinds[first:]):
+                found[_der(f"{m}.{kinds[first]}", k)] = self.input(
+                    f"{m}.{kind}", unit=self.model.along(_UNIT[kind]),
+                    description=_WHAT[kind].format(what="Measured", motor=m))
+        unheld = {_der(n) for n in q.late} - set(q.late)  # what is undone for a delay, its slope
+        for n in [*known, *(n for n in q.inputs if n.startswith("der("))]:
+            if n not in found and n not in unheld:
+                motor = n.removesuffix(".tau")
+                found[n] = self.input(n, description=f"Torque of {motor}, k_m Iq" if motor in self.motors else "")
+        for n, behind in q.late.items():
+            delay, lag = self.ask(question, {}, [behind, f"lag({n})"], form=form)
+            found |= {f"at({n})": delay - lag, FILTERED[0].format(n): lag}
+        return found
+
+    def ask(self, question, known, outputs, states=None, form=0):
         """Outputs of a question for known variables; what is not known is zero, states too."""
-        q = self.model.question(question).select(outputs)
+        q = self.model.question(question, form).select(outputs)
         u = ca.vertcat(*[known.get(n, 0) for n in q.inputs], ca.SX(0, 1))
         x = ca.vertcat(*[(states or {}).get(n, 0) for n in q.states], ca.SX(0, 1))
         p = ca.vertcat(*[self.machine(n) for n in q.parameters], ca.SX(0, 1))
@@ -145,18 +170,14 @@ class _Builder:
         w = sum(ca.jacobian(q, motion[f"{m}.phi"]) * motion[f"der({m}.phi)"] for m in self.motors)
         return ca.vertsplit(q), ca.vertsplit(w)
 
-    def friction_states(self, question, motion):
+    def friction_states(self, question, motion, form=0):
         """Friction states now: those of the last sample, moved on by what the motors moved since."""
-        q = self.model.question(question)
+        q = self.model.question(question, form)
         if not q.states:
             return {}
-        before = {n: self.state(n, "1", "Friction state at the last sample") for n in q.states}
+        before = {n: self.state(n, self.model.variables[n].unit, "Friction state at the last sample") for n in q.states}
         started = self.state("started", "1", "0 before the first sample")
-        moved = dict(motion)
-        for m in self.motors:
-            phi, last = motion[f"{m}.phi"], self.state(f"{m}.phi_before", "rad", f"Angle of {m} at the last sample")
-            moved[f"der({m}.phi)"] = started * (phi - last) / self.symbol_period
-            self.after[f"{m}.phi_before"] = phi
+        moved = {**motion, **self._moved(motion, started)}
         self.after["started"] = ca.SX(1)
         u, x, p = q.symbols()
         h = ca.SX.sym("h")
@@ -167,9 +188,25 @@ class _Builder:
         self.after.update(now)
         return now
 
-    def clock(self, outputs):
+    def _moved(self, motion, started):
+        """Mean speed of each motor since the last sample, zero at the first: from its angles where they are known."""
+        found = {}
+        for m in self.motors:
+            for kind, what in (("phi", "Angle"), ("w", "Speed")):
+                if f"{m}.{kind}" not in motion:
+                    continue
+                now, last = motion[f"{m}.{kind}"], self.state(
+                    f"{m}.{kind}_before", self.model.along(_UNIT[kind]), f"{what} of {m} at the last sample")
+                self.after[f"{m}.{kind}_before"] = now
+                if kind == "phi":
+                    found[f"der({m}.phi)"] = started * (now - last) / self.symbol_period
+                else:
+                    found[f"{m}.w"] = started * (now + last) / 2
+        return found
+
+    def clock(self, outputs, form=0):
         """Time since the first sample, where outputs of the estimate depend on time."""
-        q = self.model.question("estimate").select(outputs)
+        q = self.model.question("estimate", form).select(outputs)
         u, x, p = q.symbols()
         if "time" not in q.inputs or not ca.depends_on(q.output(u, x, p), u[q.inputs.index("time")]):
             return {}
@@ -201,6 +238,11 @@ class _Builder:
                      parameters,
                      ca.Function("output", [x, u, p], [ca.densify(ca.cse(y))], ["x", "u", "p"], ["y"]),
                      ca.Function("update", [x, u, p], [ca.densify(ca.cse(after))], ["x", "u", "p"], ["x_next"]))
+
+
+def _der(name, times=1):
+    """Name of a derivative in a question."""
+    return "der(" * times + name + ")" * times
 
 
 _UNIT = {"phi": "rad", "w": "rad/s", "a": "rad/s2"}
@@ -280,31 +322,34 @@ def torque_control(model, values, period=PERIOD, gravity=True, friction=1.0):
     return b.block("torque", f"Torque control of {model.rig}, without torque sensors")
 
 
-def estimator(model, values, period=PERIOD):
-    """Joint torques from the motors alone: motion and torque of the motors in, joint torques out.
+def estimator(model, values, period=PERIOD, form=0):
+    """What a rig estimates from its motors alone: joint torques, or the force or voltage that its motion asks for.
 
-    Friction states follow the measured angles through reversals and standstill, as `dynamics.simulate.estimate` has
-    them. Accelerations matter where rotors have inertia; left unconnected, they are zero. What effects take from a log,
-    as a temperature, is an input too; effects of time count it from the first sample.
+    Inputs are what the rig's annotation ``estimate`` is given: the motion of the motors, and where it says so their
+    torques. Friction states follow the measured angles through reversals and standstill, as
+    `dynamics.simulate.estimate` has them. Accelerations matter where rotors have inertia; left unconnected, they are
+    zero. What effects take from a log, as a temperature, is an input too; effects of time count it from the first
+    sample.
 
     Parameters
     ----------
     model, values, period
         As in `position_control`.
+    form : int
+        Which of the forms of ``estimate``, where the annotation has several.
 
     Returns
     -------
     Block
     """
-    b = _Builder(model, dict(values), period)
-    now = b.motion(acceleration=True)
-    torques = {f"{m}.tau": b.input(f"{m}.tau", description=f"Torque of {m}, k_m Iq") for m in b.motors}
-    logged = {n: b.input(n) for n in model.log_inputs}
-    names = [n for _, n in b.joints]
-    states = b.friction_states("estimate", now)
-    for n, value in zip(names, b.ask("estimate", {**now, **torques, **logged, **b.clock(names)}, names, states)):
-        b.result(n, value, description=f"Estimate of the joint torque {n}")
-    return b.block("estimator", f"Joint torques of {model.rig} without torque sensors")
+    forms = model.alternatives("estimate")
+    _choice("form", str(form), [str(k) for k in range(len(forms))])
+    names, b = forms[form][0], _Builder(model, dict(values), period)
+    given = b.given("estimate", form)
+    states = b.friction_states("estimate", given, form)
+    for n, value in zip(names, b.ask("estimate", {**given, **b.clock(names, form)}, names, states, form)):
+        b.result(n, value, description=f"Estimate of {n}: {model.variables[n].description}")
+    return b.block("estimator", f"Estimate of {', '.join(names)} of {model.rig}, from its motors alone")
 
 
 def hand(model, values, period=PERIOD):

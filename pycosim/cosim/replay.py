@@ -1,14 +1,16 @@
 """A model with its values and a log in; errors of its exported FMU, stepped by fmpy through that log, out.
 
-The FMU is the estimator: joint torques from the motion and the torques of the motors. The plant driven by the measured
-torques alone would drift away from any log within seconds, however right its friction is, so that its angles would tell
-of nothing; what friction takes on the way is told by the estimator at every sample.
+The FMU is the estimator: what the rig estimates from the motion and, where it asks for them, the torques of the motors.
+Those are joint torques; of a rig without a torque reference, the force, torque or voltage that the motion asks for. The
+plant driven by the measured torques alone would drift away from any log within seconds, however right its friction is,
+so that its angles would tell of nothing; what friction takes on the way is told by the estimator at every sample.
 """
 
 from __future__ import annotations
 
 import json
 from contextlib import ExitStack
+from dataclasses import replace as replaced
 from fractions import Fraction
 
 import numpy as np
@@ -17,14 +19,15 @@ from ..compile import ArrayFunction, compile_model
 from ..control.controllers import estimator
 from ..core.errors import DataError, ExportError, StudyError
 from ..core.extras import extra
+from ..data.dataset import Dataset
 from ..diagnosis.confirm import frozen
 from ..export.controller import export_block
 from .components import _exported, _Fmu
 from .scenario import Component
 
-_CANNOT = (StudyError, DataError, ExportError)  # no such FMU for this rig, this log or this computer
+_CANNOT = (StudyError, DataError, ExportError)  # no such FMU for this log or this computer
 
-_READ = {"phi": "{}", "w": "der({})", "a": "der(der({}))"}  # input of the estimator: signal of the data set
+_READ = {"w": ("der({}.phi)",), "a": ("der(der({}.phi))", "der({}.w)")}  # input: what the data set may call it
 
 
 def before_and_after(dataset, progress=None):
@@ -60,7 +63,8 @@ def replay(dataset, model, parameters):
     Parameters
     ----------
     dataset : Dataset
-        Its logs hold what the estimator takes; without a torque reference, half differences are compared.
+        Its logs hold what the estimator takes; without a torque reference, half differences are compared. Logs that are
+        one sample each are stepped through sample by sample, and the mean over each is compared.
     model : Model
         Its rig answers ``estimate``; with its effects.
     parameters : dict of str to float
@@ -69,42 +73,51 @@ def replay(dataset, model, parameters):
     Returns
     -------
     dict of str to float
-        RMSE of each joint torque, by channel, in its unit.
+        RMSE of each channel that the rig estimates (a joint torque, a force, a voltage), in its unit.
 
     Raises
     ------
-    StudyError
-        The rig has no joint torques to estimate from motion and motor torques.
+    DataError
+        The logs lack what the estimator takes.
     ExportError
         The FMU cannot be built, or there is no fmpy to step it.
     CosimulationError
         It refuses a step.
     """
     extra("fmpy", "a replay through the FMU", ExportError)
-    names = model.alternatives("estimate")[0][0]
-    if dataset.averaged or (dataset.asked == "estimate" and dataset.form != 0):
-        raise StudyError(f"{dataset.study.path}: its logs do not hold what the estimator of {model.rig} takes, sample "
-                         "by sample")
-    signals = dataset.undelayed(dataset.ask(model), parameters)
-    period = float(np.median(np.diff(dataset.time)))
-    block = estimator(model, {n: parameters[n] for n in model.parameters}, period)
-    inputs = {v.name: _signal(dataset, signals, v.name) for v in block.inputs}
-    estimates = _stepped(block, inputs, names, dataset, period, _of_runs(dataset, model, parameters))
+    stepped = _sampled(dataset)
+    form = dataset.form if dataset.asked == "estimate" else 0
+    names = model.alternatives("estimate")[form][0]
+    signals = stepped.undelayed(stepped.ask(model), parameters)
+    block = estimator(model, {n: parameters[n] for n in model.parameters}, form=form)
+    inputs = {v.name: _signal(stepped, signals, v.name) for v in block.inputs}
+    estimates = _stepped(block, inputs, names, stepped, _of_runs(stepped, model, parameters))
     found = {}
     for name, estimate in zip(names, estimates):
-        error = _reference(dataset, model, parameters, name) - estimate
+        error = _reference(stepped, model, parameters, name) - estimate
+        if dataset.averaged:
+            error = np.bincount(stepped.run, error) / np.bincount(stepped.run)
         error = sum(weight * take(error) for weight, _, take in dataset.picks("all"))
         found[f"{name}_pair" if dataset.paired else name] = float(np.sqrt(np.mean(error ** 2)))
     return found
 
 
+def _sampled(dataset):
+    """The same logs with all their samples, where a data set has the mean of each."""
+    if not dataset.averaged:
+        return dataset
+    return dataset.memo("replay.sampled", lambda: Dataset(replaced(dataset.study, average=None), dataset.library))
+
+
 def _signal(dataset, signals, name):
-    """Values of an input of the estimator at every sample."""
+    """Values of an input of the estimator at every sample; a push that no log holds is none."""
     owner, _, what = name.rpartition(".")
-    wanted = _READ[what].format(f"{owner}.phi") if what in _READ else name
-    found = signals.get(wanted, dataset.measured.get(name))
+    known = [*(n.format(owner) for n in _READ.get(what, ())), name]
+    found = next((s[n] for n in known for s in (signals, dataset.measured) if n in s), None)
+    if found is None and name.startswith("push"):
+        return np.zeros(len(dataset.time))
     if found is None:
-        raise DataError(f"{dataset.logs[0].path}: holds no '{wanted}', which the estimator of {dataset.study.rig} "
+        raise DataError(f"{dataset.logs[0].path}: holds no '{name}', which the estimator of {dataset.study.rig} "
                         "takes")
     return found
 
@@ -119,15 +132,16 @@ def _of_runs(dataset, model, parameters):
     return found
 
 
-def _stepped(block, inputs, outputs, dataset, period, of_runs):
+def _stepped(block, inputs, outputs, dataset, of_runs):
     """Outputs (outputs, n) of a block's FMU: a communication step a sample, a new instance a run."""
     found = np.empty((len(outputs), len(dataset.time)))
     rows = np.array(list(inputs.values())).T
-    key = block.model.key, json.dumps(block.values, sort_keys=True), "replay", repr(period)
+    key = block.model.key, json.dumps(block.values, sort_keys=True), "replay", ",".join(outputs)
     for run in np.unique(dataset.run):
         part = np.flatnonzero(dataset.run == run)
+        period = float(np.median(np.diff(dataset.time[part])))
         start = {v.name: dataset.time[part[0]] for v in block.states if v.name == "clock"}
-        start |= of_runs.get(int(run), {})
+        start |= {"period": period} | of_runs.get(int(run), {})
         with ExitStack() as stack:
             path = _exported(key, 2, stack, lambda folder: export_block(block, folder, 2))
             fmu = _Fmu(Component("estimator", "fmu", str(path), Fraction(1), start=start), path, stack)
