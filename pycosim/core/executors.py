@@ -170,6 +170,11 @@ def computing(where="serial", workers=None, imports=("pycosim.diagnosis.search",
     imports : sequence of str
         As for `executor`.
 
+    Yields
+    ------
+    None
+        For a ``with`` block, all of whose searches it holds for.
+
     Raises
     ------
     ExecutorError
