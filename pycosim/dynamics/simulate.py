@@ -365,15 +365,11 @@ def answer(model, name, signals, time, parameters=None, form=0):
 
 def _late_rows(question, signals, time):
     """Signals that a question wants at other times, derivatives filled in; nothing where one is missing."""
-    rows = {}
+    rows = {n: _row(n, signals[n], len(time)) for n in (*question.inputs, *question.late) if n in signals}
     for n in question.late:  # an angle comes before its speed
-        if n in signals:
-            rows[n] = _row(n, signals[n], len(time))
-        elif n.startswith("der(") and n[4:-1] in rows:
+        if n not in rows and n.startswith("der(") and n[4:-1] in rows:
             rows[n] = _gradient(rows[n[4:-1]], time)
-        else:
-            return {}
-    return rows
+    return {n: rows[n] for n in question.late} if all(n in rows for n in question.late) else {}
 
 
 def _gradient(values, time):

@@ -284,6 +284,17 @@ place = "force"
     assert found.parameters["time_delay_force.d"] == pytest.approx(0.01, abs=1e-3)
 
 
+def test_an_estimate_whose_speeds_alone_are_moved_needs_the_angle_alone():
+    axis, d = compile_model(Library(), "DriveTrain.Rigs.LinearAxis", [("time_delay", "force")]), 0.03
+    values = {"carriage.J": 90.0, "viscous_guide.b": 180.0, "guide.f0": 0.0}
+
+    def force(late):
+        return estimate(axis, {"motor.phi": np.sin(3 * TIME)}, TIME, {**values, "time_delay_force.d": late})["force"]
+
+    np.testing.assert_allclose(force(d)[10:-10], np.interp(TIME - d, TIME, force(0.0))[10:-10], atol=1.0)
+    assert np.ptp(force(0.0)) > 1000
+
+
 @pytest.mark.parametrize("later", [-0.0137, 0.004, 0.05, 0.0])
 def test_some_samples_are_moved_as_all_of_them_are(later):
     run = np.repeat([0.0, 1.0], len(TIME) // 2)
