@@ -5,7 +5,6 @@ from __future__ import annotations
 import uuid
 
 from ..compile import shared_library
-from .dataset import Dataset
 
 _MADE = {}
 """The data set that came here last, by its name."""
@@ -28,6 +27,7 @@ class Sent:
         return name, self.dataset.study, self.dataset.logs, self.dataset.early
 
     def __setstate__(self, state):
+        from .dataset import Dataset  # here alone: who exports a model reads no logs
         name, study, logs, early = state
         if name not in _MADE:
             _MADE.clear()
