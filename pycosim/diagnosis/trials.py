@@ -149,16 +149,7 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
         Those that could be fitted.
     """
     def refitted(some):
-        larger = [compile_model(dataset.library, model.rig, [*model.keys, f.key]) for f in some]
-        results = in_turn((tried, Sent(dataset), model.rig, m.keys, _starts(m, fit, f, table), scores.single, base)
-                          for f, m in zip(some, larger))
-        for k, (f, m) in enumerate(zip(some, larger), 1):
-            say(f"refitting with {f.effect} at {f.place}, {k} of {len(some)}")
-            if (found := next(results)) is not None:
-                f.fit, f.selection = found
-                measure(f, m, m.attached[-1], table)
-                f.refused = _no_effect(dataset, m, f.fit)
-                yield f
+        return _refitted(dataset, model, fit, scores, some, base, table, say)
 
     def lowest(some):
         return min(some, key=lambda f: f.selection.white.sum())
@@ -183,6 +174,20 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
                 f.p_value, f.p_value_single = min((f.p_value, f.p_value_single), (other.p_value, other.p_value_single))
     _refuse_as_short(dataset, model, seen + unseen)
     return seen + unseen
+
+
+def _refitted(dataset, model, fit, scores, some, base, table, say):
+    """Fit the model with each of some candidates; yields those that could be, as soon as they are."""
+    larger = [compile_model(dataset.library, model.rig, [*model.keys, f.key]) for f in some]
+    results = in_turn((tried, Sent(dataset), model.rig, m.keys, _starts(m, fit, f, table), scores.single, base)
+                      for f, m in zip(some, larger))
+    for k, (f, m) in enumerate(zip(some, larger), 1):
+        say(f"refitting with {f.effect} at {f.place}, {k} of {len(some)}")
+        if (found := next(results)) is not None:
+            f.fit, f.selection = found
+            measure(f, m, m.attached[-1], table)
+            f.refused = _no_effect(dataset, m, f.fit)
+            yield f
 
 
 def _refuse_as_short(dataset, model, findings):
