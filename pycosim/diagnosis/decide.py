@@ -18,22 +18,16 @@ from . import first_look
 from .compare import errors
 from .constancy import allowed, constancy
 from .crossval import difference, select
-from .dependence import RELEVANT, dependence, mirrored, noise_floor
+from .dependence import RELEVANT, dependence, noise_floor
 from .excitation import smallest, undetectable, varied
 from .finding import Diagnosis
 from .lack_of_fit import unexplained
-from .remainder import LEFT, remaining, rises
+from .remainder import LEFT, remaining, rises, slow
 from .rivals import behind, by_kind, plainly_better, too_many, twins
 from .scores import LEVEL, Scores
 from .table import Table
 from .trials import as_findings, fit_to_all, pressed, refit_best
 
-SLOW, DRIFTS, VISIBLE = 2.0, 9.0, 0.01
-"""Squared error of a torque over that of its noise floor, and error over the torque, from which what is left is more
-than slow noise, which goes on through a turn where friction changes its sign; and from which that does not matter: so
-much is a reference that drifts. Seventeen worlds with nothing hidden reach 1.2, slow noise as large as the fast 2.6,
-friction that ebbs, flows or comes and goes 2.2 to 7; what a simulation leaves that nobody
-added noise to is less than a hundredth."""
 TOO_FEW = "there are too few passes to see whether it predicts one that it was not fitted to"
 NOTHING = "its interval holds zero, so that something else is at work"
 ENDLESS = "its best value is at the end of what is looked for, so that something else is at work"
@@ -99,7 +93,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
         if law.gain * own.raw.sum() > allowed(larger.attached[-1][0]) * difference(base.raw, own.raw)[0]:
             finding.varies_with = law.variable
         risen = rises(dataset, (model, fit), (larger, finding.fit))
-        share, variable = remaining(dependence(dataset, larger, finding.fit, seed), base, own, law.follows, risen)
+        share, variable = remaining(dependence(dataset, larger, finding.fit, seed), base, own, law.follows, risen,
+                                    slow(dataset, larger, finding.fit))
         finding.outweighed_by = variable if share > LEFT else None
         return finding.varies_with is None and finding.outweighed_by is None
 
@@ -109,12 +104,12 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     say("looking at what is left")
     hidden = undetectable(table, scores)
     floor = noise_floor(dataset, model, fit)
-    slow = _slow(dataset, model, fit, floor)
-    verdict = _verdict(findings, alarm or bool(slow), hidden, dataset, model.attached)
+    wandering = slow(dataset, model, fit, floor)
+    verdict = _verdict(findings, alarm or bool(wandering), hidden, dataset, model.attached)
     winner, provisional = (chosen if chosen and chosen.accepted else None), (
         chosen if chosen and chosen.provisional else None)
     held_out = errors(dataset, model, fit, "test") if dataset.is_test.any() else {}
-    channels = _channels(fit.error, held_out, floor, told, base, winner, dataset.steps, provisional, slow)
+    channels = _channels(fit.error, held_out, floor, told, base, winner, dataset.steps, provisional, wandering)
     unknown = verdict == "unexplained" and not dataset.averaged and not any(f.contested for f in findings)
     found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single,
                       smallest(scores, LEVEL, MATTERS), varied(table), None, channels,
@@ -297,7 +292,8 @@ def _refused(base, finding):
         return TOO_FEW if clear and len(base.white) < FEW else "no better on passes that it was not fitted to"
     share = shares[np.argmax(np.abs(shares))]
     if share < MATTERS:
-        return f"too small to matter: {100 * share:.2g} % of the squared error"
+        size = f"{100 * share:.2g} %" if abs(share) >= 1e-3 else "less than 0.1 %"
+        return f"too small to matter: {size} of the squared error"
     return None
 
 
@@ -324,21 +320,6 @@ def _verdict(findings, alarm, hidden, dataset, attached):
     if any(f.refused == TOO_FEW for f in findings):
         return "not_enough_excitation"
     return "nothing_missing"
-
-
-def _slow(dataset, model, fit, floor):
-    """Channels of torques or forces whose error is far above what changes from moment to moment, repeat to repeat.
-
-    Beside noise that slow, which memory and size of the noise model take in, no test has an effect to find.
-    """
-    if dataset.paired:  # half a difference of out and back holds little that is slow
-        return []
-    left = errors(dataset, model, fit, "all")
-    sizes = {c: float(np.sqrt(np.mean(dataset.reference(c) ** 2))) for c in dataset.channels}
-    slow = [c for c in dataset.channels if dataset.base.unit(c) in ("N.m", "N")
-            and left[c] ** 2 > SLOW * floor[c] ** 2 and left[c] > VISIBLE * sizes[c]]
-    turned = mirrored(dataset, model, fit) if slow else {}
-    return [c for c in slow if turned[c] is not False or left[c] ** 2 > DRIFTS * floor[c] ** 2]
 
 
 def _channels(error, held_out, floor, told, base, winner, steps, provisional, slow):

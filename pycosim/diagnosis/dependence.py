@@ -35,8 +35,8 @@ as the fast; friction that ebbs, flows, or comes and goes has -0.96 to 0.24 at o
 def noise_floor(dataset, model, fit):
     """Error that no model of this kind could get below, a channel.
 
-    The smaller of the spread within a pass after removing what is smooth over it (a cubic in time), and the difference
-    of repeats of the same line at the same speed.
+    The smallest of the spread within a pass after removing what is smooth over it (a cubic in time), the difference
+    of repeats of the same line at the same speed, and the error itself: a few passes may tell more than all have.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def noise_floor(dataset, model, fit):
     for channel, r in zip(dataset.channels, residual):
         within = _within(r, problem)
         between = _between(dataset, r, problem)
-        floors[channel] = float(min(v for v in (within, between) if v is not None))
+        floors[channel] = float(min(v for v in (within, between, np.sqrt(np.mean(r ** 2))) if v is not None))
     return floors
 
 
@@ -285,6 +285,14 @@ class _Given:
         wave = self.waves[k]
         return (weights * wave * residual).sum(0), (weights * wave ** 2).sum(0)
 
+    def telling(self, name):
+        """Waves whose size over a variable is a law: of time a friction's alone, for slow noise is one too.
+
+        Where a friction has another sign after each turn, such noise goes on.
+        """
+        own = [k for k, friction in enumerate(self.frictions) if friction]
+        return own if name == "time" and own and not self.dataset.paired else range(len(self.waves))
+
     def by_chance(self, drives, energy, share):
         """Part of the flips of the blocks' signs in which some wave and variable takes as much of the energy."""
         count, folds = self.label.max() + 1, self.fold.max() + 1
@@ -342,7 +350,7 @@ def _dependence(given, chosen, whole=False):
     found, sure, most, mild = [], False, (0.0, None), 0.0
     for name, bins in given.bins.items():
         tried = given.removed(drives, bins, energy)
-        k = max(range(len(tried)), key=lambda i: tried[i][0])
+        k = max(given.telling(name), key=lambda i: tried[i][0])
         share, errors = tried[k]
         if share > RELEVANT and rounded:  # a sawtooth is a function of its angle, and nothing that is missing
             share -= max(given.removed([again(k)], bins, energy)[0][0] for again in rounded)

@@ -14,8 +14,8 @@ from .crossval import difference, select
 from .decide import OPEN, diagnose
 from .dependence import dependence
 from .finding import Finding
-from .remainder import LEFT, beyond, remaining, rises
-from .rivals import PLAIN, SEPARATE, alike, behind, too_many
+from .remainder import LEFT, beyond, remaining, rises, slow
+from .rivals import ALIKE, PLAIN, SEPARATE, alike, behind, too_many
 from .trials import TRIAL, nudged, pressed
 
 MOST = 6  # effects that one search may add
@@ -369,7 +369,9 @@ def _shortfall(dataset, steps, noise, known, seed):
     """How far the effects added after the known steps are from having one coefficient all over the data.
 
     Over what is allowed: the largest of what each would gain where its coefficient varies, beside the others, of what
-    it adds to the errors of the held-out part, and of what is left over what they have taken together.
+    it adds to the errors of the held-out part, and of what is left over what they have taken together. Nor may
+    another gain as much without it where the coefficient of that varies, as an alternative would have to: else a law of
+    which the other is an average does as well as both.
     """
     added = [s.added for s in steps[known:]]
     if any(pressed(steps[-1].model, steps[-1].fit, (e, p)) for e, p in steps[-1].model.attached
@@ -386,7 +388,8 @@ def _shortfall(dataset, steps, noise, known, seed):
     follows = {name: max(told[s.added].follows[name] for s in steps[known:])
                for name in told[steps[-1].added].follows}
     left = dependence(here, steps[-1].model, steps[-1].fit, seed)
-    worst = remaining(left, before, full, follows, risen(steps[known - 1].model, steps[known - 1].fit))[0] / LEFT
+    worst = remaining(left, before, full, follows, risen(steps[known - 1].model, steps[known - 1].fit),
+                      slow(here, steps[-1].model, steps[-1].fit))[0] / LEFT
     for out in steps[known:]:
         rest = [k for k in steps[-1].model.keys if k != out.added]
         model = compile_model(dataset.library, steps[0].model.rig, rest)
@@ -399,6 +402,10 @@ def _shortfall(dataset, steps, noise, known, seed):
         worst = max(worst, beyond(risen(model, fit), alone) / (LEFT * takes))
         effect = next(e for e, p in steps[-1].model.attached if (e.id, p.name) == out.added)
         worst = max(worst, told[out.added].gain * full.raw.sum() / (allowed(effect) * takes))
+        if len(added) > 1:
+            lacking = constancy(here, model, fit)
+            gain = max(lacking[key].gain for key in added if key != out.added)
+            worst = max(worst, gain * alone.raw.sum() / ((1.0 - ALIKE) * takes))
     return worst
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..compile import component_called
 from ..diagnosis.compare import worded
-from ..diagnosis.decide import SLOW, TOO_FEW
+from ..diagnosis.decide import TOO_FEW
 from ..diagnosis.dependence import ALARM, RARE
 from ..diagnosis.first_look import WORTH
-from ..diagnosis.remainder import HELD_OUT
+from ..diagnosis.remainder import HELD_OUT, SLOW, WANDERS
 from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
 from . import cards
@@ -586,7 +586,8 @@ def _refusals(candidates):
         found += (f" {c['effect']} at {c['place']} would lower the error, but its coefficient is not the same all over "
                   f"the data: it differs with {c['varies_with']}, so that another law is at work.")
     for c in [c for c in candidates if c.get("outweighed_by") and not c.get("varies_with")][:1]:
-        why = (f"much of what it leaves still depends on {c['outweighed_by']}, and no effect of the library explains "
+        left = "is" if c["outweighed_by"] == WANDERS else "still depends on"
+        why = (f"much of what it leaves {left} {c['outweighed_by']}, and no effect of the library explains "
                "that beside it") if c["outweighed_by"] != HELD_OUT else f"it predicts {HELD_OUT} of the log worse"
         found += f" {c['effect']} at {c['place']} would lower the error, but {why}."
     reasons = {}
