@@ -193,6 +193,18 @@ def test_a_loss_that_grows_in_time_is_no_warm_up(tmp_path):
     assert (first, last, found) == ("unexplained", "unexplained", []), shown
 
 
+@pytest.mark.parametrize("case", ["outside_digital:load_speed:2.4:12001", "outside_digital:tide:2.4:12000"])
+def test_a_law_of_another_kind_is_no_viscosity_with_an_asymmetry_and_no_preload(case, tmp_path):
+    """One over the load does as well as the asymmetry; what ebbs in time leaves more than the preload takes."""
+    first, last, found, shown = hidden(case, tmp_path)
+    assert (first, last, found) == ("unexplained", "unexplained", []), shown
+
+
+def test_slow_noise_of_a_sensor_in_ordinary_motion_is_not_what_is_missing(tmp_path):
+    first, last, found, shown = hidden("gait:none::12200", tmp_path)
+    assert (first, last, found) == ("nothing_missing", "nothing_missing", []), shown
+
+
 def test_one_of_many_that_do_equally_well_is_no_name(tmp_path):
     """Spikes hide what tells an asymmetry at 2B from nine others, an offset of the reference first among them."""
     data = Dataset(load_study(make("outliers_1:direction_asymmetry:1.3:2601", tmp_path, quick=True)), Library())

@@ -7,7 +7,7 @@ from scipy.stats import binom
 
 from pycosim.diagnosis.constancy import FREE, OWN, SURE, _follows, _free, _Laws, _pieces, _placebos, _straight, levels
 from pycosim.diagnosis.dependence import Dependence, _dependence, _Given
-from pycosim.diagnosis.remainder import HELD_OUT, LEFT, remaining, rises
+from pycosim.diagnosis.remainder import HELD_OUT, LEFT, WANDERS, remaining, rises
 
 
 def _fitted(law, speed, rng, memory=0.9):
@@ -85,6 +85,25 @@ def test_what_a_fifth_of_the_blocks_shows_is_seen():
     assert sum(_sure(10, seed) for seed in range(20)) >= 18
 
 
+def _of_time(law, seed, memory=4.0, step=0.01, count=9600):
+    """Whether a residual depends on time; friction turns over every half a second, and blocks are as long."""
+    rng, t = np.random.default_rng(seed), np.arange(count) * step
+    noise, kept = rng.normal(size=count), np.exp(-step / memory)
+    for k in range(1, count):
+        noise[k] = kept * noise[k - 1] + np.sqrt(1 - kept ** 2) * noise[k]
+    way, block = np.where(t % 1.0 < 0.5, 1.0, -1.0), (t / 1.0).astype(int)
+    given = _given(way * law(t) + 0.5 * noise + rng.normal(size=count), t, block)
+    given.bins["time"] = given.bins.pop("x")
+    given.waves, given.frictions = [way[None], np.ones((1, count))], [True]
+    given.dataset.paired = False
+    return _dependence(given, np.array([True])).sure
+
+
+def test_slow_noise_of_a_sensor_is_no_law_of_time_and_friction_that_ebbs_is_one():
+    assert sum(_of_time(lambda t: 0.0 * t, seed) for seed in range(40)) <= binom.ppf(0.999, 40, 0.01)
+    assert sum(_of_time(lambda t: 0.7 * np.sin(t / 6), seed) for seed in range(20)) >= 18
+
+
 FOLLOWS = {"theta": 1.0}
 
 
@@ -102,6 +121,17 @@ def _told(sure, strength):
 def test_an_effect_must_take_more_than_it_leaves(sure, strength, left, expected):
     before, after = (SimpleNamespace(channels=np.array([[a], [b]])) for a, b in ((10.0, 3.0), left))
     share, variable = remaining(_told(sure, strength), before, after, FOLLOWS)
+    assert (variable if share > LEFT else None) == expected
+
+
+@pytest.mark.parametrize("left, wanders, expected", [
+    ((7.0, 3.0), {"a": 0.5}, WANDERS),  # takes 3 of 10 and leaves 3.5 that no noise explains
+    ((7.0, 3.0), {"a": 0.4}, None),
+    ((7.0, 3.0), {"b": 0.9}, None),  # in a channel that it does not act on
+])
+def test_an_effect_must_take_more_than_what_is_left_that_is_slower_than_noise(left, wanders, expected):
+    before, after = (SimpleNamespace(channels=np.array([[a], [b]])) for a, b in ((10.0, 3.0), left))
+    share, variable = remaining(_told(False, 0.0), before, after, FOLLOWS, None, wanders)
     assert (variable if share > LEFT else None) == expected
 
 
