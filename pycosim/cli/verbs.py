@@ -158,16 +158,27 @@ def _add(run, arguments):
 
 
 def _improve(run, arguments):
+    if getattr(arguments, "bare", False):
+        _improved(run)
+        return
+    from .beside import Beside
+    with Beside(run.project.dataset.library, run.project.study.rig) as beside:
+        found = _improved(run)
+        run.draw("write_figures", found.found, beside.save)
+        beside.begin()
+        found.report(run.folder.file("report.html"), run.folder.file("data") if run.verb == "report" else None)
+        beside.finish()
+
+
+def _improved(run):
+    """A search, with what it writes and says, but for figures."""
     found = run.project.improve()
     run.lines += found.steps[0].fitted.doubts
     for name, content in found.files().items():
         run.write(name, content)
     found.save(run.folder.file("study.toml"))
     run.lines += [*found.sentences, *found.changes, *found.final.sentences]
-    if getattr(arguments, "bare", False):
-        return
-    run.draw("write_figures", found.found)
-    found.report(run.folder.file("report.html"), run.folder.file("data") if run.verb == "report" else None)
+    return found
 
 
 def _export(run, arguments):

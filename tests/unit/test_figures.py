@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pycosim.cli import demo
+from pycosim.cli import beside, demo
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis import compare
@@ -136,13 +136,13 @@ def test_figures_of_another_process_are_the_same_also_when_it_ends(dataset, impr
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     steps = [(s.model, s.fit) for s in improvement.steps]
     plots = [drawings.manoeuvres(dataset), *(drawings.first_maps(dataset, *step)[0] for step in steps)]
-    with demo.Beside(dataset.library) as beside:
+    with beside.Beside(dataset.library) as second:
         for k, plot in enumerate(plots):
-            beside.save(plot, tmp_path / "there", f"plot{k}")
-        for process in [*beside.pool._processes.values()] if ends else ():
+            second.save(plot, tmp_path / "there", f"plot{k}")
+        for process in [*second.pool._processes.values()] if ends else ():
             process.kill()
-        beside.begin()
-        beside.finish()
+        second.begin()
+        second.finish()
     for k, plot in enumerate(plots):
         figures.save(plot, tmp_path / "here", f"plot{k}")
     here, there = ({p.name: p.read_bytes() for p in (tmp_path / w).iterdir()} for w in ("here", "there"))
@@ -153,9 +153,9 @@ def test_what_the_second_core_compiles_ahead_is_found_on_disk(tmp_path, monkeypa
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     monkeypatch.setenv("PYCOSIM_CACHE", str(tmp_path))
     library, rig, attached = Library(), "DriveTrain.Rigs.GearedJoint", [("viscous", "gear")]
-    with demo.Beside(library) as beside:
+    with beside.Beside(library) as second:
         library.ahead(rig, [attached])
-        beside.pool.submit(len, "").result()  # one process, one after the other
+        second.pool.submit(len, "").result()  # one process, one after the other
     kept = {p.name for p in tmp_path.iterdir()}
     compile_model(library, rig, attached).question("estimate")
     assert {p.name for p in tmp_path.iterdir()} == kept and len(kept) > 2
