@@ -11,6 +11,7 @@ from ..data.instruments import CALM, rounding
 from ..data.noise import contiguous
 
 BINS = 24
+FINE = 192  # bins of an angle: five in each cycle of what a mesh of some forty teeth does over the travel
 ENOUGH = 20  # blocks, whose scatter tells a standard error; with fewer, passes do
 FOLDS = 5
 MOMENTS = 1.5  # [s]: a stretch in which friction that comes and goes is taken to last
@@ -266,7 +267,11 @@ class _Given:
         label, fold = stretches(dataset, problem)
         drawn, rng = rounding(dataset, model, fit), np.random.default_rng(seed)
         roundings = [drawn(rng)[:, ::thin] for _ in range(AGAIN)] if drawn else []
-        bins = {n: _bins(v) for n, v in explanations(dataset, model, fit, index).items()}
+        bins = {}
+        for name, values in explanations(dataset, model, fit, index).items():
+            bins[name] = [_bins(values)]
+            if _is_angle(dataset, name):
+                bins[name].append(_even(values, FINE))
         return cls(dataset, problem, residual, waves, [n.endswith(".dF") for n in names], fit.weights[:, None] ** 2,
                    bins, fold, label, np.array(roundings))
 
@@ -300,7 +305,7 @@ class _Given:
         fold[self.label] = self.fold
         signs = np.random.default_rng(count).choice((-1.0, 1.0), (FLIPS, count))
         most = np.zeros(FLIPS)
-        for name, bins in self.bins.items():
+        for name, bins in ((n, b) for n, every in self.bins.items() for b in every):
             if name != "time":  # slow noise is a function of it, and goes on from block to block
                 k = bins.max() + 1
                 for xy, xx in drives:
@@ -348,7 +353,7 @@ def _dependence(given, chosen, whole=False):
     rounded = [lambda k, r=r: given.drive(weights, r, k) for r in given.roundings]
     beyond = 1.0 - BROAD * max(((weights * r ** 2).sum() / energy for r in given.roundings), default=0.0)
     found, sure, most, mild = [], False, (0.0, None), 0.0
-    for name, bins in given.bins.items():
+    for name, bins in ((n, b) for n, every in given.bins.items() for b in every):
         tried = given.removed(drives, bins, energy)
         k = max(given.telling(name), key=lambda i: tried[i][0])
         share, errors = tried[k]
@@ -363,7 +368,10 @@ def _dependence(given, chosen, whole=False):
         sure = given.by_chance(drives, energy, mild) <= RARE
     if whole and not given.dataset.paired and not given.dataset.averaged:
         sure |= _comes_and_goes(given, weights, drives, most, energy, found)
-    found = [{**e, "strength": round(e["strength"], 4)} for e in found]
+    strongest = {}
+    for entry in sorted(found, key=lambda e: -e["strength"]):
+        strongest.setdefault(entry["variable"], {**entry, "strength": round(entry["strength"], 4)})
+    found = [strongest[name] for name in given.bins]
     return Dependence(_ordered(given.dataset, found), bool(sure))
 
 
@@ -380,8 +388,7 @@ def _comes_and_goes(given, weights, drives, most, energy, found):
 
 def _ordered(dataset, found):
     """Most first; of variables that follow from each other, the angle before what it causes."""
-    angles = {n for n, c in dataset.study.columns.items() if c.variable.endswith("phi")}
-    angles |= {e["variable"] for e in found if e["variable"].startswith("angle@")}
+    angles = {e["variable"] for e in found if _is_angle(dataset, e["variable"])}
     channels = {n for n, c in dataset.study.columns.items() if c.variable in dataset.outputs}
 
     def order(entry):
@@ -428,6 +435,18 @@ def _bursts(residual, drive, weights, problem, energy):
     out = size > middle + 3 * spread
     share = float((xy ** 2 / xx)[out].sum() / energy) if errors > ALARM else 0.0
     return share, float(errors)
+
+
+def _is_angle(dataset, name):
+    """Whether a variable is the angle, or the way, of a segment."""
+    return name.startswith("angle@") or any(
+        n == name and c.variable.endswith("phi") for n, c in dataset.study.columns.items())
+
+
+def _even(values, count):
+    """Bin numbers of equally wide bins."""
+    low, high = np.quantile(values, [0.002, 0.998])
+    return np.clip((values - low) / max(high - low, 1e-300) * count, 0, count - 1).astype(int)
 
 
 def _bins(values):

@@ -62,7 +62,7 @@ def _given(residual, variable, block):
     """A residual of one channel with friction as the only response, for `_dependence`."""
     edges = np.quantile(variable, np.linspace(0, 1, 25)[1:-1])
     return _Given(SimpleNamespace(study=SimpleNamespace(columns={}), outputs=[]), None, residual[None],
-                  [np.ones((1, residual.size))], [True], np.ones((1, 1)), {"x": np.searchsorted(edges, variable)},
+                  [np.ones((1, residual.size))], [True], np.ones((1, 1)), {"x": [np.searchsorted(edges, variable)]},
                   block % 5, block, np.empty(0))
 
 
@@ -93,7 +93,7 @@ def _of_time(law, seed, memory=4.0, step=0.01, count=9600):
         noise[k] = kept * noise[k - 1] + np.sqrt(1 - kept ** 2) * noise[k]
     way, block = np.where(t % 1.0 < 0.5, 1.0, -1.0), (t / 1.0).astype(int)
     given = _given(way * law(t) + 0.5 * noise + rng.normal(size=count), t, block)
-    given.bins["time"] = given.bins.pop("x")
+    given.bins = {"time": given.bins["x"]}
     given.waves, given.frictions = [way[None], np.ones((1, count))], [True]
     given.dataset.paired = False
     return _dependence(given, np.array([True])).sure
