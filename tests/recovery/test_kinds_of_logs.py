@@ -205,6 +205,14 @@ def test_slow_noise_of_a_sensor_in_ordinary_motion_is_not_what_is_missing(tmp_pa
     assert (first, last, found) == ("nothing_missing", "nothing_missing", []), shown
 
 
+def test_the_friction_of_a_mesh_is_no_noise(tmp_path):
+    """Sixteen cycles a radian, with another sign each way: no torque ripple, and as fast as noise within a pass."""
+    found = pc.open(make("outside_gait:gear_mesh:1.7:12012", tmp_path, quick=True)).improve()
+    first = found.first.to_dict()["residual_depends_on"][0]
+    assert found.first.verdict == "unexplained" and len(found.steps) == 1, found.sentences
+    assert first["variable"] == "angle@2B" and first["strength"] > 0.4, first
+
+
 def test_one_of_many_that_do_equally_well_is_no_name(tmp_path):
     """Spikes hide what tells an asymmetry at 2B from nine others, an offset of the reference first among them."""
     data = Dataset(load_study(make("outliers_1:direction_asymmetry:1.3:2601", tmp_path, quick=True)), Library())
