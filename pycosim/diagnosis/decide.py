@@ -54,10 +54,10 @@ median counts as that far."""
 MATTERS = 0.05
 """Of the squared error of one channel, that an effect must take. The imperfect form of a larger one leaves as much:
 beside a delay of a gait, found to a tenth of a sample, a hysteresis took 0.04."""
-BESIDE = 0.005
-"""The same of what a model without any effect leaves, where some are in. Beside a filter of 5 Hz, the error of which is
-four to five times the noise, false second effects took 0.0024 and 0.0027 of that, eleven true ones 0.027 to 0.4: 0.03
-is an effect of 1.3 times the noise there."""
+BESIDE, WHOLE = 0.15, 0.01
+"""The same beside other effects, where it is less than so much of what a model without any leaves. Beside a filter of
+5 Hz, the error of which is four to seven times the noise, three false second effects took 0.05 to 0.11 of the rest and
+0.0024 to 0.005 of the whole, eleven true ones 0.3 and more of the rest: 0.41 is an effect of 1.3 times the noise."""
 _WITHOUT = WeakKeyDictionary()  # errors of the model without effects, by data set
 
 
@@ -314,9 +314,10 @@ def _refuse_as_lesser(dataset, model, fit, base, rivals):
     now = errors(dataset, model, fit, "fit")
     part = np.array([(now[c] / _WITHOUT[dataset][c]) ** 2 for c in dataset.channels])
     for f in rivals:
-        share = float((part * _shares(base.channels, f.selection.channels)).max())
-        if f.refused is None and f.p_value < LEVEL and share < BESIDE:
-            f.refused = f"too small beside the other effects: {_percent(share)} of the squared error without any"
+        shares = _shares(base.channels, f.selection.channels)
+        whole = float((part * shares).max())
+        if f.refused is None and f.p_value < LEVEL and shares.max() < BESIDE and whole < WHOLE:
+            f.refused = f"too small beside the other effects: {_percent(whole)} of the squared error without any"
 
 
 def _percent(share):
