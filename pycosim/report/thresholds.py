@@ -13,6 +13,9 @@ _EVIDENCE = {
     "relevant": ("diagnosis.dependence.RELEVANT",
                  "least share of the error's energy that a variable must explain to matter"),
     "matters": ("diagnosis.decide.MATTERS", "least share of a channel's squared error that a candidate must take"),
+    "beside": ("diagnosis.decide.BESIDE", "the same beside other effects, where it is less than `whole` of the whole"),
+    "whole": ("diagnosis.decide.WHOLE",
+              "share of the squared error without any effect below which a candidate beside others must take `beside`"),
     "few": ("diagnosis.decide.FEW", "blocks below which unseen ones do not disprove a candidate that takes much"),
     "bound_pressed": ("diagnosis.scores.PRESSED",
                       "fall of the squared error, over the noise's variance, that a parameter must bring outside its "
