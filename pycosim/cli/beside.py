@@ -21,7 +21,6 @@ class Beside:
     ----------
     library : Library
         Tells what it will compile next.
-
     rig : str, optional
         Full name of the class whose candidates are compiled at once.
 

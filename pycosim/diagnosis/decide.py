@@ -95,17 +95,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     told = dependence(dataset, model, fit, seed)
     depends, alarm = told.variables, told.sure
 
-    def steady(finding):
-        larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
-        law, own = constancy(dataset, larger, finding.fit)[finding.key], finding.selection
-        if law.gain * own.raw.sum() > allowed(larger.attached[-1][0]) * difference(base.raw, own.raw)[0]:
-            finding.varies_with = law.variable
-        risen = rises(dataset, (model, fit), (larger, finding.fit))
-        share, variable = remaining(dependence(dataset, larger, finding.fit, seed), base, own, law.follows, risen,
-                                    slow(dataset, larger, finding.fit))
-        finding.outweighed_by = variable if share > LEFT else None
-        return finding.varies_with is None and finding.outweighed_by is None
-
+    steady = partial(_steady, dataset=dataset, model=model, fit=fit, base=base, seed=seed)
     chosen = _chosen(dataset, whole, model, fit, findings, rivals, base, steady, scores.single)
     if chosen is not None:
         _explained_by(findings, chosen, scores)
@@ -123,6 +113,19 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
                       smallest(scores, LEVEL, MATTERS), varied(table), None, channels,
                       partial(unexplained, table, depends, floor) if unknown else None)
     return found.finish() if finished else found
+
+
+def _steady(finding, dataset, model, fit, base, seed):
+    """Whether a finding has the same coefficient all over the data, and what is left beside it does not outweigh it."""
+    larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
+    law, own = constancy(dataset, larger, finding.fit)[finding.key], finding.selection
+    if law.gain * own.raw.sum() > allowed(larger.attached[-1][0]) * difference(base.raw, own.raw)[0]:
+        finding.varies_with = law.variable
+    risen = rises(dataset, (model, fit), (larger, finding.fit))
+    share, variable = remaining(dependence(dataset, larger, finding.fit, seed), base, own, law.follows, risen,
+                                slow(dataset, larger, finding.fit))
+    finding.outweighed_by = variable if share > LEFT else None
+    return finding.varies_with is None and finding.outweighed_by is None
 
 
 def _chosen(dataset, whole, model, fit, findings, rivals, base, steady, noise):

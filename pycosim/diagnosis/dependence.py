@@ -439,8 +439,8 @@ def _bursts(residual, drive, weights, problem, energy):
 
 def _is_angle(dataset, name):
     """Whether a variable is the angle, or the way, of a segment."""
-    return name.startswith("angle@") or any(
-        n == name and c.variable.endswith("phi") for n, c in dataset.study.columns.items())
+    columns = dataset.study.columns
+    return name.startswith("angle@") or name in columns and columns[name].variable.endswith("phi")
 
 
 def _even(values, count):
