@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core.errors import DataError, closest
 from .chunks import Gathered
+from .copies import refuse_copies
 from .frames import Frame
 from .likeness import bare, named_unit
 from .readers import read_parts
@@ -84,12 +85,16 @@ def load(study, files=None, strict=True):
     ------
     DataError
         A log cannot be used, or there is none.
+    StudyError
+        One of them holds a stretch of another.
     """
     study = study if files is None else study.with_data(files)
     if not study.runs:
         raise DataError(f"{study.path}: no logs to fit; list them in [data] runs, or give --data FILE...")
     logs = [read_log(path, study, strict) for path in study.runs]
-    return logs + [replace(read_log(path, study, strict), held_out=True) for path in study.held_out]
+    logs += [replace(read_log(path, study, strict), held_out=True) for path in study.held_out]
+    refuse_copies(logs)
+    return logs
 
 
 def read_log(path, study, strict=True):

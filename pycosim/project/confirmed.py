@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import pandas as pd
 
-from ..core.errors import StudyError
+from ..core.errors import DataError, StudyError
+from ..data.copies import refuse_known
+from ..data.frames import Frame
+from ..data.logs import read_log
 from ..diagnosis import confirm
 from ..report import plots, records, sentences
 from ..study.parse import load_study
@@ -114,8 +118,39 @@ class Confirmation(Recorded):
         return plots.ConfirmationPlots(self.record)
 
 
-def refuse(project: Project, *searched: Study) -> None:
-    """Refuse to confirm what cannot be, before a log is fitted.
+def confirmed(project: Project, *searched: Study) -> Confirmation:
+    """Confirm what can be.
+
+    Parameters
+    ----------
+    project : Project
+        As for `refuse`.
+    *searched : Study
+        As for `refuse`.
+
+    Returns
+    -------
+    Confirmation
+
+    Raises
+    ------
+    StudyError
+        As of `refuse`, or a stretch of a log stands in one that the effects were found on.
+    DataError
+        A log cannot be used, or has a mistake of wiring or units.
+    """
+    for known in refuse(project, *searched):
+        for path in (p for p in (*known.runs, *known.held_out) if isinstance(p, Frame) or Path(p).is_file()):
+            try:
+                log = read_log(path, replace(known, average=None), strict=False)
+            except DataError:  # a log that is no longer as it was can be compared with nothing
+                continue
+            refuse_known(project.samples, log, known)
+    return Confirmation.made(project)
+
+
+def refuse(project: Project, *searched: Study) -> list[Study]:
+    """Refuse to confirm what cannot be, before a log is read.
 
     Parameters
     ----------
@@ -124,6 +159,11 @@ def refuse(project: Project, *searched: Study) -> None:
     *searched : Study
         Studies whose logs were searched, beside the file that the project's study comes from; its logs are known as
         searched, for it has the effects.
+
+    Returns
+    -------
+    list of Study
+        All whose logs were searched.
 
     Raises
     ------
@@ -134,8 +174,12 @@ def refuse(project: Project, *searched: Study) -> None:
     kept = load_study(study.path) if study.path.is_file() else None
     own = not searched and (kept is None or (kept.runs, kept.held_out) == (study.runs, study.held_out))
     if not files or own:
-        raise StudyError(f"{study.path}: confirm needs a log that was never searched: pycosim confirm "
-                         f"{study.path.name} --data FILE, in Python project.confirm(\"FILE\")")
+        which = (f", and {', '.join(f.name for f in files)} {'is' if len(files) == 1 else 'are'} what its effects were "
+                 "found on") if files else ""
+        raise StudyError(f"{study.path}: confirm needs a log that was never searched{which}; record one: pycosim "
+                         f"confirm {study.path.name} --data FILE, in Python project.confirm(\"FILE\")")
     confirm.refuse_nothing(study, project.model)
-    for given in [*searched, *([kept] if kept else [])]:
+    known = [*searched, *([kept] if kept else [])]
+    for given in known:
         confirm.refuse_searched(given, files)
+    return known

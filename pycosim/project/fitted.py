@@ -21,7 +21,7 @@ from ..diagnosis.table import Table
 from ..fit import draws, least_squares
 from ..report import plots, records, sentences
 from ..study.schema import Study
-from .confirmed import Confirmation, refuse
+from .confirmed import Confirmation, confirmed
 from .diagnosed import Candidate, Diagnosis
 from .drawn import Draws
 from .exported import Export
@@ -485,8 +485,7 @@ class Fitted(Recorded):
             As of `Project.confirm`.
         """
         new = replace(self.project, study=self.study, model=self.model).with_data(data)
-        refuse(new, self.study)
-        return Confirmation.made(new)
+        return confirmed(new, self.study)
 
     def plan(self, goal: str = "parameters", budget: float = 120.0, rate: float = 100.0,
              criterion: str = "intervals", between: Sequence[str] | None = None) -> Plan:

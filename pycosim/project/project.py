@@ -27,7 +27,7 @@ from ..study.parse import load_study
 from ..study.schema import Study
 from ..study.write import write_study
 from .checked import Check
-from .confirmed import Confirmation, refuse
+from .confirmed import Confirmation, confirmed, refuse
 from .diagnosed import Diagnosis
 from .exported import Export
 from .fitted import Comparison, Fitted
@@ -180,6 +180,11 @@ class Project(Shown):
     def _logs(self) -> list[Log]:
         self.say("reading the logs")
         return load(self.study, strict=False)
+
+    @property
+    def samples(self) -> list[Log]:
+        """The logs sample by sample, also of files that count as one sample each."""
+        return load(replace(self.study, average=None), strict=False) if self.study.average else self._logs
 
     def check(self) -> Check:
         """What is wrong with the logs before any physics: signs, swaps, units, clocks, outliers.
@@ -380,11 +385,9 @@ class Project(Shown):
             A log cannot be used, or has a mistake of wiring or units.
         """
         if data is None:
-            refuse(self)
-            return Confirmation.made(self)
-        new, unsaved = self.with_data(data), not self.study.path.is_file()
-        refuse(new, *([self.study] if unsaved else []))
-        return Confirmation.made(new)
+            return confirmed(self)
+        unsaved = not self.study.path.is_file()
+        return confirmed(self.with_data(data), *([self.study] if unsaved else []))
 
     def confirmable(self) -> None:
         """Refuse what `confirm` would refuse, before a log is read.

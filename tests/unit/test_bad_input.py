@@ -11,6 +11,7 @@ import pytest
 from scipy import io
 from tiers import cases
 
+import pycosim as pc
 from benchmarks.hidden_effects.machine import PAPER, measure, six_manoeuvres
 from pycosim.cli.entry import main
 
@@ -152,6 +153,21 @@ def test_a_log_that_is_not_there_is_refused(here, capsys):
     (here / "log.doc").write_text("time\n1\n")
     refused(here, capsys, "cannot tell the format", data=("log.doc",))
     refused(here, capsys, "is listed twice", data=("log.csv", "log.csv"))
+
+
+def test_a_log_under_two_names_is_refused(whole, here, capsys):
+    """In whatever digits; and of averaged logs, by what they are the means of."""
+    (here / "study.toml").write_text(STUDY)
+    whole.to_csv(here / "a.csv", index=False)
+    whole.to_csv(here / "b.csv", index=False)
+    refused(here, capsys, "hold the same as rows 2 to 201 of", data=("a.csv", "b.csv"))
+    whole.assign(time=whole["time"] + 50).round(5).to_csv(here / "b.csv", index=False)
+    refused(here, capsys, "data counted twice make the intervals too narrow", "check", data=("a.csv", "b.csv"))
+    with pytest.raises(pc.PycosimError, match="table 2: rows .* hold the same as rows .* of table 1"):
+        pc.open("study.toml", data=[whole, whole]).fit()
+    (here / "study.toml").write_text(STUDY.replace("[data]", '[data]\naverage = "file"'))
+    (here / "b.csv").write_bytes((here / "a.csv").read_bytes())
+    refused(here, capsys, "b.csv: holds the same as", data=("a.csv", "b.csv"))
 
 
 def test_logs_with_and_without_a_reference_are_not_mixed(whole, here, capsys):

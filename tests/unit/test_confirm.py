@@ -15,7 +15,9 @@ from benchmarks.hidden_effects.machine import PAPER, Effect, measure, six_manoeu
 from pycosim.cli.entry import main
 from pycosim.compile import Library, compile_model
 from pycosim.cosim.replay import replay
+from pycosim.data.copies import Record, shared
 from pycosim.data.dataset import Dataset
+from pycosim.data.logs import Log
 from pycosim.diagnosis.confirm import FEWEST, chance, confirm, frozen
 from pycosim.dynamics.simulate import estimate
 from pycosim.study.parse import load_study
@@ -169,6 +171,55 @@ def test_python_refuses_what_was_searched_in_whatever_form_it_comes(told):
         project.confirm()
     with pytest.raises(pc.PycosimError, match="has no effects to confirm"):
         pc.open(STUDY, data=old).confirm(new)
+
+
+def test_a_log_that_was_written_anew_is_the_searched_one_all_the_same(told, tmp_path):
+    """Time from elsewhere, fewer digits, a part, rows left out between, a part among new rows."""
+    folder, old, new, _ = told
+    project, table = pc.open(folder / "found.toml"), pd.read_csv(old)
+    middle, other = len(table) // 2, pd.read_csv(new)
+    mixed = pd.concat([other[:middle], table[middle:middle + 450], other[middle + 450:]])
+    for copy in (table.assign(time=table.time + 1000), table.round(6), table.round(4), table[:middle], table[101::3],
+                 table.astype(dict.fromkeys(table.columns[1:7], "float32")), mixed):
+        with pytest.raises(pc.PycosimError, match=r"rows \d+ to \d+ hold the same as rows \d+ to \d+ of .*old.csv"):
+            project.confirm(copy)
+    table.assign(time=table.time + 1000).to_csv(tmp_path / "later.csv", index=False)
+    assert main(["confirm", str(folder / "found.toml"), "--data", str(tmp_path / "later.csv")]) == 2
+    fitted = pc.open(folder / "found.toml").as_given()
+    with pytest.raises(pc.PycosimError, match="never searched"):
+        fitted.confirm(table[:middle])
+
+
+def test_the_searched_log_itself_is_said_to_be_that(told, capsys):
+    folder, old, *_ = told
+    assert main(["confirm", str(folder / "found.toml"), "--data", str(old)]) == 2
+    assert "old.csv is what its effects were found on; record one" in capsys.readouterr().err
+
+
+def signals(friction, noise=0.0, step=0.0, seed=0, n=6000):
+    """A log of one motion: angle of an encoder, torque and reference, with noise or not, rounded or not."""
+    time, rng = 0.01 * np.arange(n), np.random.default_rng(seed)
+    angle, speed = (np.sin(time + p) + 0.69 * np.sin(2.3 * time + 1 + p) for p in (0.0, np.pi / 2))
+    torque = friction * np.tanh(speed / 0.01) + 0.3 * angle + noise * rng.standard_normal(n)
+    reference = 5 * np.sin(angle) + 5 * noise * rng.standard_normal(n)
+    if step:
+        torque, reference = np.round(torque / step) * step, np.round(reference / step) * step
+    return Log("x", "x", time, {"phi": np.round(angle / 4e-4) * 4e-4, "tau": torque, "C": reference,
+                                "stuck": np.ones(n)}, rows=np.arange(n) + 2)
+
+
+def cut(log, rows):
+    return replace(log, time=log.time[rows], rows=log.rows[rows], signals={n: v[rows] for n, v in log.signals.items()})
+
+
+@pytest.mark.parametrize("noise, step", [(0.01, 0.0), (0.01, 0.02), (0.01, 0.1), (1e-4, 0.1), (0.0, 0.0), (0.0, 0.01)])
+def test_logs_of_one_motion_are_not_the_same_and_parts_of_one_log_are(noise, step):
+    one, other = (Record.of(signals(f, noise, step, seed)) for f, seed in ((0.3, 1), (0.3 if noise else 0.303, 2)))
+    assert shared(one, other) is None and shared(other, one) is None
+    for rows in (slice(100, 3000), slice(50, None, 3)):
+        part = Record.of(cut(signals(0.3, noise, step, 1), rows))
+        (first, _), (at, _) = shared(part, one)
+        assert first == at and shared(one, part)[0][0] == at
 
 
 def test_a_fitted_model_is_confirmed_with_its_own_values(told):
