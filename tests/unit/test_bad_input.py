@@ -173,7 +173,8 @@ def test_a_log_under_two_names_is_refused(whole, here, capsys):
 def test_logs_with_and_without_a_reference_are_not_mixed(whole, here, capsys):
     (here / "study.toml").write_text(STUDY)
     whole.to_csv(here / "with.csv", index=False)
-    whole.drop(columns=["C_H", "C_K"]).to_csv(here / "without.csv", index=False)
+    other = measure(PAPER, six_manoeuvres(speeds=(0.5, 1.6), repeats=1, rate=25, longest_pass=4), rng=4)
+    other.drop(columns=["C_H", "C_K"]).to_csv(here / "without.csv", index=False)
     refused(here, capsys, "without.csv: no column 'C_H', which with.csv has", data=("with.csv", "without.csv"))
 
 
