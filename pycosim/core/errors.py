@@ -70,7 +70,7 @@ def closest(name, known):
     """
     known = list(dict.fromkeys(known))
     folded = {k.lower(): k for k in known}
-    near = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(str(name).lower(), folded, n=1, cutoff=0.5)
     if near:
         return f"; closest: '{folded[near[0]]}'"
     if 0 < len(known) <= 25:

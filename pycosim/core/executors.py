@@ -80,6 +80,7 @@ def executor(where, workers=None, imports=()):
     ExecutorError
         No such place, or it does not answer.
     """
+    where = str(where)
     if where.startswith(DASK):
         with _dask(f"tcp://{where.removeprefix(DASK)}") as pool:
             yield pool

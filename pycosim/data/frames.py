@@ -76,8 +76,10 @@ class Frame:
     def _column(self, column, name, text):
         if text:
             return column.astype(object).where(column.notna(), "").to_numpy(dtype=str)
-        if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
-            how = "(t - t.iloc[0]).dt.total_seconds()" if column.dtype.kind in "mM" else "pandas.to_numeric"
+        types = pd.api.types
+        if not types.is_numeric_dtype(column) or types.is_bool_dtype(column) or types.is_complex_dtype(column):
+            how = {"m": "(t - t.iloc[0]).dt.total_seconds()", "M": "(t - t.iloc[0]).dt.total_seconds()",
+                   "c": "numpy.real"}.get(column.dtype.kind, "pandas.to_numeric")
             raise DataError(f"{self.name}, column '{name}': holds {column.dtype}, not numbers; "
                             f"convert it first, as with {how}")
         return column.to_numpy(dtype=float, na_value=np.nan)

@@ -6,12 +6,14 @@ nothing: bounded draws are spread evenly there, as far as the bounds allow; unbo
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from ..core.errors import UnknownNameError, closest
+from ..core.given import shortened
 
 _TRIES = 30  # batches of unbounded draws of which those within the bounds are taken
 _SWEEPS = 60  # of Gibbs' sampler; in whitened coordinates a few are enough but in narrow corners
@@ -66,6 +68,8 @@ class Draws:
         UnknownNameError
             The model has no such parameter.
         """
+        if isinstance(names, str) or not isinstance(names, Iterable):
+            raise UnknownNameError(f"array takes a list of parameters, as [\"s1A.f0\"], not {shortened(names)}")
         columns = dict(zip(self.names, self.values.T))
         columns.update({n: np.mean([columns[k] for k in runs], axis=0) for n, runs in self.own.items()})
         for n in names:

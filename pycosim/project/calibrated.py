@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
+from ..core.given import file_path
 from ..report import plots, records, sentences
 from ..report.folder import Folder
 from ..study.parse import load_study
@@ -192,7 +193,8 @@ def calibrate(fmu: str | os.PathLike[str], study: str | os.PathLike[str] | Study
         Nothing is free, no column is an output, or a log cannot be used.
     """
     from ..cosim.calibrate import calibrate as fitted  # fmpy takes a while to import
-    given: Study = study if isinstance(study, Study) else load_study(study)
+    given: Study = study if isinstance(study, Study) else load_study(file_path(study, "study.toml"))
+    fmu = file_path(fmu, "model.fmu")
     if data is not None:
         given = on_data(given, data)
     say = progress or usual()

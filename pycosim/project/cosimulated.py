@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import pandas as pd
 
 from ..core.errors import StudyError
+from ..core.given import file_path
 from ..core.whole import write_whole
 from ..report import plots, records, sentences
 from .progress import Say, finish, usual
@@ -123,7 +124,7 @@ class Cosimulation(Recorded):
         """
         text = self.done.text
         try:
-            return write_whole(path, text)
+            return write_whole(file_path(path, "run.csv"), text)
         except OSError as error:
             raise StudyError(f"{path}: cannot be written ({error.strerror})") from None
 
@@ -172,7 +173,10 @@ def cosimulate(scenario: Any, until: float | None = None, resume: bytes | None =
         A variable, parameter, option or machine that does not exist.
     """
     from ..cosim import master  # takes a while to import
+    from ..cosim.scenario import Scenario
     say, more = progress or usual(), {} if every is None else {"every": every}
+    if not isinstance(scenario, Scenario):
+        scenario = file_path(scenario, "scenario.toml")
     done = master.cosimulate(scenario, until, resume, say, library, save=save, allow_python=allow_python, **more)
     finish(say)
     return Cosimulation(done)

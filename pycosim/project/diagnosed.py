@@ -143,7 +143,7 @@ class Candidates(Sequence[Candidate], Shown):
             return Candidates(self._found[key])
         if isinstance(key, int):
             return self._found[key]
-        name = key if isinstance(key, str) else "@".join(key)
+        name = "@".join(map(str, key)) if isinstance(key, tuple) else str(key)
         for candidate in self._found:
             if candidate.name == name:
                 return candidate

@@ -11,6 +11,8 @@ from typing import Any, ClassVar
 import pandas as pd
 
 from .. import export as writers
+from ..core.errors import ExportError
+from ..core.given import file_path, one_of, shortened
 from ..report import records
 from ..report.folder import Folder
 from ..study.schema import Study
@@ -58,7 +60,14 @@ class Export(Recorded):
         -------
         Export
         """
-        with Folder(folder, "export", study.path, (cls.FILE,)) as made:
+        one_of(fmi, "fmi", (2, 3))
+        one_of(platforms, "platforms", ("host", "all"))
+        if isinstance(kinds, str) or not isinstance(kinds, Sequence) or not kinds:
+            raise ExportError(f"kinds = {shortened(kinds)} must be a list of \"cs\" (co-simulation), \"me\" (model "
+                              "exchange), or both")
+        for kind in kinds:
+            one_of(kind, "kinds", ("cs", "me"))
+        with Folder(file_path(folder, "out"), "export", study.path, (cls.FILE,)) as made:
             done = writers.export(study, model, made.temporary, to, fmi, list(kinds), platforms, real, self_contained)
             made.write(cls.FILE, done.description)
         return cls(records.plain(done.description), made.path)

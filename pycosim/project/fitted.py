@@ -14,6 +14,7 @@ import pandas as pd
 
 from ..compile import find_effect
 from ..core.errors import StudyError, UnknownNameError, closest
+from ..core.given import file_path, one_of, shortened, whole_number
 from ..diagnosis import compare, search
 from ..diagnosis.dependence import dependence, noise_floor
 from ..diagnosis.first_look import first_look as look
@@ -388,6 +389,7 @@ class Fitted(Recorded):
         -------
         Comparison
         """
+        one_of(part, "part", ("fit", "test", "all"))
         result = compare.compare(self.dataset, self.model, self.solution, part)
         if given:
             before = least_squares.fit(self.dataset, self.model, free=[])
@@ -441,7 +443,7 @@ class Fitted(Recorded):
         UnknownNameError
             No such effect or place.
         StudyError
-            It is in the model already, or does what a free parameter does.
+            It is in the model already, does what a free parameter does, or is not given as one text.
 
         Examples
         --------
@@ -453,6 +455,9 @@ class Fitted(Recorded):
         >>> fit.effects, better.effects
         ([], ['stribeck@2A'])
         """
+        if not isinstance(effect, (str, Candidate)):
+            raise StudyError(f"{shortened(effect)} is no effect to add; give one, as \"stribeck@2A\", or a candidate "
+                             "of a diagnosis")
         self.project.check().refuse()
         text = effect if isinstance(effect, str) else effect.name
         study = replace(self.project.study, effects=[(e.id, p.name) for e, p in self.model.attached])
@@ -532,8 +537,14 @@ class Fitted(Recorded):
         -------
         Draws
             See `pycosim.fit.draws.draw`.
+
+        Raises
+        ------
+        StudyError
+            `n` or `seed` is no whole number, or below zero.
         """
-        found = draws.draw(self.solution, n, bounded, self.project.study.seed if seed is None else seed)
+        seed = self.project.study.seed if seed is None else whole_number(seed, "seed", 0)
+        found = draws.draw(self.solution, whole_number(n, "the number of sets to draw", 100), bounded, seed)
         return Draws(**vars(found))
 
     def export(self, folder: str | PathLike[str], to: str = "fmu", fmi: int = 2, kinds: Sequence[str] = ("cs", "me"),
@@ -570,8 +581,8 @@ class Fitted(Recorded):
         Parameters
         ----------
         path : path
-            Another file than the study was read from, which is never changed. One that ends in ``.json`` gets
-            ``parameters.json`` instead, which `load` reads.
+            Ends in ``.toml``; another file than the study was read from, which is never changed. One that ends in
+            ``.json`` gets ``parameters.json`` instead, which `load` reads.
 
         Returns
         -------
@@ -580,9 +591,9 @@ class Fitted(Recorded):
         Raises
         ------
         StudyError
-            The file is the given study, or cannot be written.
+            The file is the given study, is there and is no study, or cannot be written.
         """
         from .project import saved
-        if Path(path).suffix == ".json":
+        if file_path(path, "name.toml").suffix == ".json":
             return super().save(path)
         return saved(self.study, self.project.study, path)

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import pandas as pd
 
-from ..core.errors import StudyError
+from ..core.errors import PlanError, StudyError
+from ..core.given import file_path, one_of, real_number, shortened
 from ..core.whole import write_whole
 from ..design import plan as planning
+from ..design.goals import GOALS, goal_named
 from ..report import plan_results, plots
 from .progress import finish
 from .shown import Recorded, xarray_module
@@ -65,6 +67,12 @@ class Plan(Recorded):
         -------
         Plan
         """
+        one_of(goal_named(goal) if isinstance(goal, str) else goal, "goal", GOALS)
+        one_of(criterion, "criterion", ("intervals", "D", "E"))
+        budget, rate = real_number(budget, "budget", 120.0), real_number(rate, "rate", 100.0)
+        if between is not None and (isinstance(between, str) or not isinstance(between, Sequence) or len(between) != 2
+                                    or not all(isinstance(b, str) for b in between)):
+            raise PlanError(f"between = {shortened(between)} must be two effects, as (\"stribeck@2A\", \"viscous@2A\")")
         study.refuse_own("plan")
         known = planning.known(study, project.library, model, dataset, solution)
         blocks = None
@@ -139,7 +147,7 @@ class Plan(Recorded):
             The file cannot be written.
         """
         try:
-            return write_whole(path, plan_results.csv(self._table))
+            return write_whole(file_path(path, "plan.csv"), plan_results.csv(self._table))
         except OSError as error:
             raise StudyError(f"{path}: cannot be written ({error.strerror})") from None
 

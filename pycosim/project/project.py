@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import numpy as np
 import pandas as pd
 
 from ..compile import shared_library
 from ..core.early import tell_early
-from ..core.errors import StudyError
+from ..core.errors import DataError, StudyError
+from ..core.given import file_path, shortened
 from ..data.asked import Asked
 from ..data.checks import check
 from ..data.dataset import Dataset
@@ -34,7 +37,7 @@ from .fitted import Comparison, Fitted
 from .planned import Plan
 from .progress import Continued, Say, finish, usual
 from .searched import Search
-from .shown import Shown
+from .shown import Shown, replaceable
 
 AnyPath: TypeAlias = str | os.PathLike[str]
 Data: TypeAlias = AnyPath | pd.DataFrame | Sequence[AnyPath | pd.DataFrame] | Mapping[str, pd.DataFrame]
@@ -83,7 +86,7 @@ def open_project(study: AnyPath | Study, data: Data | None = None, progress: Say
     >>> pc.open("study.toml", data=pd.read_csv("run.csv"))
     <Project: study, HipKnee, 8 free parameters, 1 log>
     """
-    given: Study = study if isinstance(study, Study) else load_study(study)
+    given: Study = study if isinstance(study, Study) else load_study(file_path(study, "study.toml"))
     if data is not None:
         given = on_data(given, data)
     if robust:
@@ -105,13 +108,13 @@ def on_data(study: Study, data: Data) -> Study:
     Returns
     -------
     Study
+
+    Raises
+    ------
+    DataError
+        They are neither files nor tables.
     """
-    if isinstance(data, Mapping):
-        items: list[Any] = [Frame(name, frame) for name, frame in data.items()]
-    elif isinstance(data, (str, os.PathLike, pd.DataFrame)):
-        items = [data]
-    else:
-        items = list(data)
+    items = _items(data)
     frames = [i for i in items if isinstance(i, (Frame, pd.DataFrame))]
     if not frames:
         return study.with_data([os.fspath(i) for i in items])
@@ -119,6 +122,26 @@ def on_data(study: Study, data: Data) -> Study:
             for k, i in enumerate(frames, 1)]
     files = [Path(os.fspath(i)).absolute() for i in items if not isinstance(i, (Frame, pd.DataFrame))]
     return replace(study, runs=[*files, *made], held_out=[])
+
+
+def _items(data: Any) -> list[Any]:
+    """Files and tables, one a log."""
+    what = "give a file, a pandas.DataFrame with the columns that the study names, a list of these, or a dict of tables"
+    if isinstance(data, Mapping):
+        for name, frame in data.items():
+            if not isinstance(frame, pd.DataFrame):
+                raise DataError(f"data[{name!r}] is {shortened(frame)}, not a table; {what} by the names of their runs")
+        return [Frame(str(name), frame) for name, frame in data.items()]
+    if isinstance(data, (str, os.PathLike, pd.DataFrame, Frame)):
+        data = [data]
+    if isinstance(data, (bytes, np.ndarray, pd.Series)) or not isinstance(data, Iterable):
+        raise DataError(f"data is {shortened(data)}, neither a file nor a table; {what}")
+    items = list(data)
+    for k, item in enumerate(items):
+        if not isinstance(item, (str, os.PathLike, pd.DataFrame, Frame)):
+            raise DataError(f"data[{k}] is {shortened(item)}, neither a file nor a table; {what}")
+    return [file_path(i, "run.csv") if isinstance(i, (str, os.PathLike)) and not isinstance(i, Frame) else i
+            for i in items]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -417,7 +440,7 @@ class Project(Shown):
         UnknownNameError, StudyError
             It cannot be added there.
         """
-        return search.addable(self.study, self.library, self.model, effect)
+        return search.addable(self.study, self.library, self.model, str(effect))
 
     def plan(self, goal: str = "parameters", budget: float = 120.0, rate: float = 100.0,
              criterion: str = "intervals", between: Sequence[str] | None = None) -> Plan:
@@ -502,7 +525,7 @@ class Project(Shown):
         Parameters
         ----------
         path : path
-            Another file than the study was read from, which is never changed.
+            Ends in ``.toml``; another file than the study was read from, which is never changed.
 
         Returns
         -------
@@ -511,7 +534,7 @@ class Project(Shown):
         Raises
         ------
         StudyError
-            The file is the given study, or cannot be written.
+            The file is the given study, is there and is no study, or cannot be written.
         """
         return saved(self.study, self.study, path)
 
@@ -545,11 +568,19 @@ def saved(study: Study, given: Study, path: AnyPath) -> Path:
     Raises
     ------
     StudyError
-        The file is the given study, or cannot be written.
+        The file is the given study, is there and is no study, does not end in ``.toml``, or cannot be written.
     """
-    target = Path(path).absolute()
+    target = replaceable(path, ".toml", "a study", _is_study).absolute()
     if target.exists() and target.resolve() == given.path.resolve():
         raise StudyError(f"{path}: is the given study, which is never changed; save under another name")
     runs, held_out = ([p for p in files if not isinstance(p, Frame)] for files in (study.runs, study.held_out))
     written: Path = write_study(replace(study, runs=runs, held_out=held_out), target)
     return written
+
+
+def _is_study(path: Path) -> bool:
+    """Whether a file is a study, also one that names what is no longer there."""
+    try:
+        return "rig" in tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError):
+        return False

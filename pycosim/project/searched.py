@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import pandas as pd
 
 from ..core.errors import StudyError
+from ..core.given import file_path
 from ..report import controller, plots, records, sentences
 from ..report.page import write_numbers, write_report
 from .diagnosed import Diagnosis
@@ -152,7 +153,7 @@ class Search(Recorded):
         ResultError
             As of `Recorded.load`; or a file of the folder is missing.
         """
-        folder = Path(path)
+        folder = file_path(path, cls.FILE)
         if not folder.is_dir():
             return super().load(path)
         found = {name: read_json(folder / f"{name}.json", cls) for name in RECORDS}
@@ -306,7 +307,7 @@ class Search(Recorded):
         StudyError
             The file cannot be written.
         """
-        target = Path(path)
+        target = file_path(path, "report.html")
         self.project.say("writing the report")
         try:
             charts = write_report(target, self.project.dataset, self.found, self.project.command,
@@ -330,6 +331,6 @@ class Search(Recorded):
         -------
         Path
         """
-        if Path(path).suffix == ".json":
+        if file_path(path, "name.toml").suffix == ".json":
             return super().save(path)
         return self.final.save(path)

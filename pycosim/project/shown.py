@@ -6,6 +6,7 @@ import copy
 import html
 import json
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -13,6 +14,7 @@ from typing import Any, ClassVar, Self
 import pandas as pd
 
 from ..core.errors import PycosimError, StudyError, UnknownNameError
+from ..core.given import file_path
 from ..core.whole import write_whole
 from ..report import records
 
@@ -150,7 +152,7 @@ class Recorded(Shown, ABC):
         Parameters
         ----------
         path : path
-            A file of JSON; replaced where there is one.
+            Ends in ``.json``; a result that is there is replaced.
 
         Returns
         -------
@@ -159,8 +161,9 @@ class Recorded(Shown, ABC):
         Raises
         ------
         StudyError
-            It cannot be written there.
+            It cannot be written there, or what is there is no result.
         """
+        replaceable(path, ".json", f"a {self.FILE}", _is_result)
         try:
             return write_whole(path, records.to_json(self.record))
         except OSError as error:
@@ -185,7 +188,7 @@ class Recorded(Shown, ABC):
         ResultError
             It cannot be read, was cut off, is another kind of file, or comes from a newer pycosim.
         """
-        return cls._made(read_json(path, cls), Path(path))
+        return cls._made(read_json(file_path(path, cls.FILE), cls), Path(path))
 
     @classmethod
     def _made(cls, record: dict[str, Any], path: Path) -> Self:
@@ -237,6 +240,47 @@ def read_json(path: str | PathLike[str], kind: Any) -> dict[str, Any]:
         raise ResultError(f"{path}: has schema {schema}, and this pycosim knows {records.SCHEMA}; load it with the "
                           "newer pycosim that wrote it, or update")
     return found if isinstance(found, dict) else {}
+
+
+def replaceable(path: str | PathLike[str], ending: str, what: str, known: Callable[[Path], bool]) -> Path:
+    """Refuse to write under the name of something else.
+
+    Parameters
+    ----------
+    path : path
+        To be written.
+    ending : str
+        That it must have.
+    what : str
+        That is to be written, in words.
+    known : callable
+        Whether a file that is there is of the same kind, and may be replaced.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    StudyError
+        The name has another ending, or the file there is of another kind.
+    """
+    target = file_path(path, f"name{ending}")
+    if target.suffix.lower() != ending:
+        raise StudyError(f"{path}: does not end in {ending}, as {what} does; save it as {target.with_suffix(ending)}"
+                         if target.name else f"'{path}' names no file; save {what} as name{ending}")
+    if target.is_file() and not known(target):
+        raise StudyError(f"{path}: is there already and is not {what}, so it is not replaced; save under another name")
+    return target
+
+
+def _is_result(path: Path) -> bool:
+    """Whether a file is one of JSON that pycosim wrote."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(found, dict) and "schema" in found
 
 
 def _fits(record: dict[str, Any], kind: Any) -> bool:

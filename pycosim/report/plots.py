@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import PycosimError, UnknownNameError, closest
+from ..core.given import whole_number
 from ..diagnosis.dependence import noise_floor
 from . import cosim_figures, drawings, figures, outcomes, plan_figures
 
@@ -201,7 +202,7 @@ class DiagnosisPlots:
         -------
         matplotlib.axes.Axes
         """
-        return handed(outcomes.candidates(self._found, most))
+        return handed(outcomes.candidates(self._found, whole_number(most, "most", 10)))
 
     def unexplained(self) -> Any:
         """Where a residual that no effect explains lives; see `drawings.unexplained`.

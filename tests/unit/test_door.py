@@ -71,14 +71,16 @@ def test_a_mistyped_parameter_is_refused_here_too(hidden, tmp_path):
         pc.open(replace(study, parameters={"s1A.fo": study.parameters["s1A.f0"]}))
 
 
-def test_a_table_in_memory_is_a_log(project, hidden):
+def test_a_table_in_memory_is_a_log(project, hidden, tmp_path):
     table = pd.read_csv(hidden / "run.csv")
     by_file, by_table = project.fit(), pc.open(hidden / "study.toml", data=table).fit()
     assert by_table.error == by_file.error
     indexed = project.with_data({"monday": table.set_index("time")})
     assert indexed.fit().error == by_file.error and indexed.dataset.logs[0].name == "monday"
-    two = project.with_data([hidden / "run.csv", table])
-    assert len(two.dataset.logs) == 2 and two.fit().params["s1A.f0"].stderr < by_file.params["s1A.f0"].stderr
+    half = len(table) // 2
+    table[:half].to_csv(tmp_path / "half.csv", index=False)
+    two = project.with_data([tmp_path / "half.csv", table[half:]])
+    assert [log.name for log in two.dataset.logs] == ["half.csv", "table"] and np.isfinite(two.fit().error["C_H"])
     with pytest.raises(DataError, match="table, column 'tau1': holds .*, not numbers"):
         project.with_data(table.assign(tau1="x")).fit()
     with pytest.raises(DataError, match="no column 'theta1'"):
@@ -347,3 +349,68 @@ def test_an_export_brings_the_library_along_where_that_is_asked_for(project, tmp
     made = [project.export(tmp_path / str(whole), to="modelica", self_contained=whole) for whole in (False, True)]
     texts = [(tmp_path / str(whole) / m.files[0]).read_text() for whole, m in zip((False, True), made)]
     assert ["package DriveTrain" in text for text in texts] == [False, True]
+
+
+WRONG = {
+    "no study": (lambda p, f: pc.open(None), 'None is no name of a file; give one as a text, "study.toml"'),
+    "the text of a study": (lambda p, f: pc.open(p.study.path.read_text()), "a str of .* lines is no name of a file"),
+    "a dict for a study": (lambda p, f: pc.open({"rig": "HipKnee"}), "is no name of a file"),
+    "a number for data": (lambda p, f: p.with_data(3), "data is 3, neither a file nor a table; give a file"),
+    "an array for data": (lambda p, f: p.with_data(np.zeros((9, 7))), "data is a ndarray, neither a file nor a table"),
+    "a column for data": (lambda p, f: p.with_data(pd.Series([1.0])), "data is a Series, neither"),
+    "bytes for data": (lambda p, f: p.with_data(b"run.csv"), "data is b'run.csv', neither"),
+    "a dict of numbers": (lambda p, f: p.with_data({"a": 1}), r"data\['a'\] is 1, not a table"),
+    "a list of numbers": (lambda p, f: p.with_data(["run.csv", 1]), r"data\[1\] is 1, neither"),
+    "no effect": (lambda p, f: f.add(None), "None is no effect to add; give one, as \"stribeck@2A\""),
+    "a list of effects": (lambda p, f: f.add(["stribeck@2A"]), r"\['stribeck@2A'\] is no effect to add"),
+    "fewer sets than none": (lambda p, f: f.draw(-1), "must be a whole number, zero or more, as 100, not -1"),
+    "a text of sets": (lambda p, f: f.draw("100"), "not '100'"),
+    "half a set": (lambda p, f: f.draw(1.5), "not 1.5"),
+    "a seed below zero": (lambda p, f: f.draw(3, seed=-1), "seed must be a whole number"),
+    "no list of parameters": (lambda p, f: f.draw(3).array("s1A.f0"), "array takes a list of parameters"),
+    "an unknown part": (lambda p, f: f.compare("foo"), "part = 'foo' is unknown; use 'fit' or 'test' or 'all'"),
+    "a parameter by number": (lambda p, f: f.params[3], "no fitted parameter '3'"),
+    "a plan of words": (lambda p, f: f.plan(budget="long"), "budget must be a number, as 120, not 'long'"),
+    "an unknown criterion": (lambda p, f: f.plan(criterion="F"), "criterion = 'F' is unknown; use 'intervals' or"),
+    "no pair": (lambda p, f: f.plan(between="stribeck@2A"), "between = 'stribeck@2A' must be two effects"),
+    "an unknown fmi": (lambda p, f: f.export("out", fmi=5), "fmi = 5 is unknown; use 2 or 3"),
+    "kinds as a text": (lambda p, f: f.export("out", kinds="cs"), "kinds = 'cs' must be a list"),
+    "no folder": (lambda p, f: f.export(None), "None is no name of a file"),
+    "no file to load": (lambda p, f: pc.Check.load(None), "None is no name of a file; give one as a text, \"check"),
+    "no scenario": (lambda p, f: pc.cosimulate(None), "None is no name of a file"),
+    "no place to compute": (lambda p, f: pc.computing(None).__enter__(), "no such place to compute"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_what_is_wrong_is_told_in_one_sentence(kind, project, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    ask, told = WRONG[kind]
+    with pytest.raises(pc.PycosimError, match=told) as error:
+        ask(project, project.fit())
+    assert "\n" not in str(error.value) and len(str(error.value)) < 250 and not list(tmp_path.iterdir())
+
+
+def test_complex_numbers_are_no_samples(project, hidden):
+    table = pd.read_csv(hidden / "run.csv")
+    with pytest.raises(DataError, match="column 'tau1': holds complex128, not numbers; convert it first, as with"):
+        project.with_data(table.assign(tau1=table.tau1 + 1j)).check()
+
+
+def test_nothing_but_what_is_of_the_same_kind_is_written_over(project, hidden, tmp_path):
+    log, fit = tmp_path / "run.csv", project.fit()
+    log.write_bytes((hidden / "run.csv").read_bytes())
+    (tmp_path / "notes.toml").write_text("[notes]\n")
+    (tmp_path / "notes.json").write_text("[1, 2]")
+    for save, name, told in ((fit.save, "run.csv", "does not end in .toml, as a study does"),
+                             (fit.save, "x.yaml", "save it as .*x.toml"),
+                             (project.save, "s.json", "save it as .*s.toml"),
+                             (fit.save, "notes.toml", "is there already and is not a study"),
+                             (fit.save, "notes.json", "is there already and is not a parameters.json"),
+                             (fit.compare().save, "run.csv", "does not end in .json, as a comparison.json does")):
+        before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+        with pytest.raises(StudyError, match=told):
+            save(tmp_path / name)
+        assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+    for name in ("found.toml", "found.json"):
+        assert fit.save(tmp_path / name) == fit.save(tmp_path / name)
