@@ -69,6 +69,8 @@ def _on_one_study(run, arguments, start):
     from . import verbs
     if arguments.verb == "add":
         run.project.places(arguments.effect)  # refused before a log is read
+    if arguments.verb in ("check", "compare", "identify", "plan", "export"):
+        run.project.study.refuse_absent_own()  # the others may find the effect
     if arguments.verb == "confirm":
         run.project.confirmable()  # likewise
     if arguments.verb == "export" and arguments.data:

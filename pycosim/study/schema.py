@@ -401,6 +401,23 @@ class Study:
             raise StudyError(f"{self.path}: '{verb}' does not take into account that {names[0]} has a value of its "
                              "own in each run; compare, identify and add do: use these, or take [fit] own out")
 
+    def refuse_absent_own(self):
+        """Refuse a coefficient of its own in each run, of an effect that the study does not have.
+
+        Raises
+        ------
+        StudyError
+            `own` names one, which would change nothing.
+        """
+        for text in self.own:
+            effect, at, rest = text.partition("@")
+            place = rest.rpartition(".")[0]
+            if at and (effect, place) not in self.effects:
+                raise StudyError(f"{self.path}: [fit] own: '{text}' is of an effect that the study does not have; add "
+                                 f"[[effects]] effect = {to_toml(effect)}, place = {to_toml(place)}, or take it out of "
+                                 f"own ('pycosim add {self.path.name} {effect}@{place}' fits the effect beside what is "
+                                 "there)")
+
     def validate(self, library):
         """Check every name, bound and unit against the Modelica library.
 

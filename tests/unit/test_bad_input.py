@@ -225,6 +225,16 @@ def test_a_bad_study_is_refused(kind, whole, here, capsys):
     refused(here, capsys, told, data=data)
 
 
+@pytest.mark.parametrize("verb", ["check", "compare", "identify"])
+def test_a_value_of_each_run_of_an_effect_that_is_not_there_is_refused(verb, whole, here, capsys):
+    (here / "study.toml").write_text(STUDY + '\n[fit]\nown = ["payload@shank.m"]\n')
+    whole.to_csv(here / "log.csv", index=False)
+    refused(here, capsys, "[fit] own: 'payload@shank.m' is of an effect that the study does not have; add [[effects]] "
+            'effect = "payload", place = "shank"', verb)
+    (here / "study.toml").write_text(STUDY + EFFECT.format("payload", "shank") + '\n[fit]\nown = ["payload@shank.m"]\n')
+    assert main([verb, "study.toml", "--data", "log.csv"]) == 0
+
+
 def test_the_check_refuses_what_no_other_verb_could_use(whole, here, capsys):
     (here / "study.toml").write_text(STUDY.replace('reference = "unknown"', 'reference = "sensor"'))
     whole.drop(columns="C_K").to_csv(here / "log.csv", index=False)
