@@ -135,7 +135,7 @@ def read_log(path, study, strict=True):
         gathered.add(table)
     columns, rows = gathered.finish(study.drop_outs)
     meta = first.meta | ({"file_rows": count, "means_of": every} if every > 1 else {})
-    log = Log(path.name, path, columns[study.time_column], _signals(columns, study, used),
+    log = Log(path.name, path, columns[study.time_column], _signals(path, columns, study, used),
               columns.get(study.labels), gathered.dropped, meta, rows, first.header,
               {c.variable: n for n, c in study.columns.items()})
     _check_torques(log, used)
@@ -145,9 +145,13 @@ def read_log(path, study, strict=True):
     return _average(log) if study.average == "file" else log
 
 
-def _signals(columns, study, used):
+def _signals(path, columns, study, used):
     """Columns of a file as signals in SI units, at the times of their rows."""
     time = columns[study.time_column]
+    for name, column in used.items():
+        if abs(column.late) >= time[-1] - time[0] > 0:
+            raise DataError(f"{path}: column '{name}' has late = {column.late:g} s in the study, and the log lasts "
+                            f"{time[-1] - time[0]:.4g} s alone; late is in s, as 0.012 for 12 ms")
     return {c.variable: c.timely(time, c.si(columns[n])) for n, c in used.items()}
 
 

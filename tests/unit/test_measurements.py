@@ -99,8 +99,8 @@ def test_drop_outs_are_skipped_only_on_request_and_recorded(read):
 
 
 def test_load_reads_runs_then_held_out_runs(tmp_path):
-    for name in ("a.csv", "b.csv"):
-        frame().to_csv(tmp_path / name, index=False)
+    for k, name in enumerate(("a.csv", "b.csv")):
+        frame(theta1=np.sin(3 * frame().time + k)).to_csv(tmp_path / name, index=False)
     study = make_study(tmp_path, runs=[tmp_path / "a.csv"], held_out=[tmp_path / "b.csv"])
     assert [(log.name, log.held_out) for log in load(study)] == [("a.csv", False), ("b.csv", True)]
     assert [log.name for log in load(study, [tmp_path / "b.csv"])] == ["b.csv"]
@@ -138,11 +138,10 @@ REFUSED = {
     "duplicate": (frame().to_csv(index=False).replace("tau1", "theta1", 1), ["column 'theta1'", "2 times"]),
     "truncated": (lines(lambda x: x[:-1] + [x[-1].split(",")[0]]), ["row 41", "1 fields", "3", "ends within a row"]),
     "ragged": (lines(lambda x: x[:7] + [x[7] + ",1"] + x[8:]), ["row 8", "4 fields", "3"]),
-    "blank line within": (lines(lambda x: x[:7] + [""] + x[7:]), ["row 8", "1 fields"]),
     "ragged with quotes": (lines(lambda x: ['time,"theta1",tau1', *x[1:6], x[6] + ",1"]), ["row 7", "4 fields"]),
     "text": (cell(9, "tau1", "overload"), ["row 9", "'tau1'", "'overload' is not a number"]),
     "dates": (frame().astype(object).assign(time=[f"2026-03-01T12:00:{k:02}.005" for k in range(40)]),
-              ["row 2", "is not a number but a date", "rate = 500"]),
+              ["row 2", "is not a number but a date", "its stamps make 1 rows a second", "rate = 1, time_column"]),
     "decimal comma": (cell(9, "tau1", "0,5"), ["row 9", "'0,5'", "decimal point"]),
     "semicolons": (frame().to_csv(index=False, sep=";"), ["semicolons", 'in the study: [data] separator = ";"']),
     "tabs": (frame().to_csv(index=False, sep="\t"), ["tabs", r'[data] separator = "\t"']),
@@ -178,11 +177,59 @@ def test_a_log_that_would_mislead_is_refused_with_its_place(read, case):
         assert word in str(caught.value)
 
 
+def named(text):
+    return text.replace("\n", ",up\n").replace(",up\n", ",phase\n", 1)
+
+
+OTHERWISE = {  # a file, what the study says of it, and the line that reads it
+    "no names": (named(frame().to_csv(index=False)).partition("\n")[2], {}, "[data] header = false"),
+    "names after all": (frame(), {"header": False}, "[data] header = true instead of header = false"),
+    "no preamble": (frame(), {"preamble": 3}, "[data] preamble = 0 instead of preamble = 3"),
+    "no units": (frame(), {"units_row": True}, "row 2 holds numbers, not units; lay the file out as it is, in the "
+                                               "study: [data] units_row = false instead of units_row = true"),
+    "points after all": (frame(), {"decimal": ","}, '[data] decimal = "." instead of decimal = ","'),
+    "commas in quotes": (lines(lambda x: [x[0], *(",".join(f'"{c.replace(".", ",")}"' for c in line.split(","))
+                                                  for line in x[1:])]), {}, '[data] decimal = ","'),
+}
+
+
+@pytest.mark.parametrize("case", OTHERWISE)
+def test_a_file_that_is_laid_out_otherwise_is_refused_with_the_line_that_reads_it(read, case):
+    content, said, line = OTHERWISE[case]
+    with pytest.raises(DataError) as caught:
+        read(content, **said)
+    assert line in str(caught.value)
+
+
+def test_decimal_commas_in_quotes_are_read_between_commas(read):
+    log = read(OTHERWISE["commas in quotes"][0], decimal=",")
+    np.testing.assert_allclose(log.signals["motor1.phi"], frame().theta1)
+
+
+def test_blank_lines_are_skipped_and_rows_are_counted_with_them(read):
+    log = read(lines(lambda x: [x[0], "", *x[1:7], "", "  ", *x[7:]]))
+    np.testing.assert_allclose(log.signals["motor1.phi"], frame().theta1)
+    assert log.rows[[0, 5, 6]].tolist() == [3, 8, 11]
+    with pytest.raises(DataError, match="row 11, column 'tau1': 'x' is not a number"):
+        read(lines(lambda x: [x[0], "", *x[1:7], "", "", x[7].rpartition(",")[0] + ",x", *x[8:]]))
+
+
+def test_a_packed_file_is_to_be_unpacked(read):
+    with pytest.raises(DataError, match=r"run.csv.gz: is packed; unpack it, .* \(likely run.csv\)"):
+        read(b"\x1f\x8b\x08", name="run.csv.gz")
+
+
+def test_a_column_cannot_come_later_than_the_log_lasts(read):
+    with pytest.raises(DataError, match="column 'tau1' has late = 500 s in the study, and the log lasts 0.39 s"):
+        read(frame(), columns={"theta1": Column("motor1.phi", "rad"), "tau1": Column("motor1.tau", "N.m", late=500.0)})
+
+
 def test_dates_of_other_formats_are_no_nanoseconds(tmp_path, read):
     dated = frame().assign(time=pd.date_range("2026-03-01", periods=40, freq="10ms"))
     dated.to_parquet(tmp_path / "run.parquet")
     study = make_study(tmp_path)
-    with pytest.raises(DataError, match="column 'time': holds datetime64.*not numbers but a date.*; write seconds"):
+    with pytest.raises(DataError, match="column 'time': holds datetime64.*not numbers but a date.*; write seconds.* "
+                                        "rate = 100, "):
         read_log(tmp_path / "run.parquet", study)
     with pytest.raises(DataError, match=r"holds datetime64.*dt.total_seconds"):
         read_log(Frame("table", dated), study)
@@ -492,7 +539,8 @@ def test_columns_of_a_file_without_a_header_go_by_number(read):
     log = read(text, columns=columns, header=False, time_column="1")
     assert log.header == ["1", "2", "3"] and log.rows[0] == 1 and len(log.time) == 40
     np.testing.assert_allclose(log.signals["motor1.phi"], frame().theta1)
-    with pytest.raises(DataError, match="row 1, column '1': 'time' is not a number; .* remove header = false"):
+    with pytest.raises(DataError, match=r"row 1, column '1': 'time' is not a number; .*: \[data\] header = true "
+                                        "instead of header = false"):
         read(frame(), columns=columns, header=False, time_column="1")
     with pytest.raises(DataError, match="row 3: has 2 fields, the first row has 3"):
         read("1,2,3\n2,3,4\n3,4\n4,5,6\n", columns=columns, header=False, time_column="1")

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import codecs
 import importlib
+import itertools
 import re
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from ...core.errors import DataError, StudyError, closest, closest_file
 from ...study.layout import PLAIN
@@ -20,8 +23,9 @@ READERS = {"bam": "bam", "epos": "epos", ".csv": "comma", ".txt": "comma", ".tsv
            ".mf4": "mdf", ".mdf": "mdf"}
 
 
-_DATED = (" but a date or a time of day; write seconds since the first row there, or say the rows a second instead: "
-          '[data] rate = 500, time_column = ""')
+_STAMPS = 1000  # of a column, that its rate is told by
+PACKED = (".gz", ".bz2", ".xz", ".zip", ".zst", ".7z")
+"""Endings of files that hold another one."""
 BLOCK = 2**22
 """Bytes of text that are held at a time."""
 
@@ -84,6 +88,7 @@ def read_parts(path, name, wanted, text, layout=PLAIN):
     if key not in READERS:
         if name:
             raise StudyError(f"no reader '{name}'{closest(name, [r for r in READERS if r[0] != '.'])}")
+        refuse_packed(path)
         raise DataError(f"{path}: cannot tell the format from the ending '{path.suffix}'; use "
                         f"{', '.join(r for r in READERS if r[0] == '.')}, or set [data] reader")
     module = importlib.import_module(f".{READERS[key]}", __package__)
@@ -115,6 +120,19 @@ def refuse_no_file(path):
         path.open("rb").close()
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def refuse_packed(path):
+    """Raise DataError for a file that holds a packed one.
+
+    Parameters
+    ----------
+    path : Path
+        Told by its ending.
+    """
+    if path.suffix.lower() in PACKED:
+        raise DataError(f"{path}: is packed; unpack it, and name the file that was in it"
+                        f"{f' (likely {path.stem})' if Path(path.stem).suffix else ''}")
 
 
 def read_text(path, encoding="utf-8-sig"):
@@ -216,21 +234,57 @@ def optional(path, package, module, kind, extra):
                         f"pip install 'pycosim-drivetrain[{extra}]'") from None
 
 
-def dated(cell):
-    """What to do about a cell that holds a date, as the end of a sentence; nothing for any other cell.
+def dated(cells):
+    """What to do about cells that hold dates, as the end of a sentence; nothing for any other cells.
 
     Parameters
     ----------
-    cell : str
-        As in the file.
+    cells : sequence of str
+        As in the file, one row after the other.
 
     Returns
     -------
     str
     """
-    if not re.match(r"\d{4}-\d\d-\d\d|\d\d?[./]\d\d?[./]\d{4}|\d\d?:\d\d:\d\d", cell):
+    cells = [str(cell) for cell in itertools.islice(iter(cells), _STAMPS)]
+    if not cells or not re.match(r"\d{4}-\d\d-\d\d|\d\d?[./]\d\d?[./]\d{4}|\d\d?:\d\d:\d\d", cells[0]):
         return ""
-    return _DATED
+    rate = stamped(cells)
+    instead = (f"; its stamps make {rate:.5g} rows a second, which can be said instead: [data] rate = {rate:.5g}, "
+               'time_column = ""' if rate else ", or say the rows a second instead: [data] rate and time_column = \"\"")
+    return f" but a date or a time of day; write seconds since the first row there{instead}"
+
+
+def stamped(cells):
+    """Rows a second, by dates or times of day.
+
+    Parameters
+    ----------
+    cells : sequence
+        One row after the other.
+
+    Returns
+    -------
+    float or None
+        [Hz]; None where they cannot be read, or do not rise evenly.
+
+    Examples
+    --------
+    >>> stamped(["2025-06-01 10:00:00.00", "2025-06-01 10:00:00.01", "2025-06-01 10:00:00.02"])
+    100.0
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # how it reads a date matters little to the time between two
+        try:
+            stamps = pd.to_datetime(pd.Series(list(cells)), format="mixed", errors="coerce", utc=True)
+        except (ValueError, TypeError, OverflowError):
+            return None
+    if stamps.isna().any() or len(stamps) < 2:
+        return None
+    steps = stamps.diff().dt.total_seconds().to_numpy()[1:]
+    whole = (stamps.iloc[-1] - stamps.iloc[0]).total_seconds() / steps.size
+    step = float(np.median(steps)) if np.median(steps) > 0 else whole
+    return float(f"{1 / step:.6g}") if step > 0 and abs(whole / step - 1) < 0.1 else None
 
 
 def numbers(path, name, values):
@@ -259,13 +313,14 @@ def numbers(path, name, values):
         shape = " x ".join(map(str, values.shape)) or "a single value"
         raise DataError(f"{path}, column '{name}': holds {shape}, not one number a sample")
     if values.dtype.kind in "mM":
-        raise DataError(f"{path}, column '{name}': holds {values.dtype}, not a number{_DATED}")
+        cells = np.datetime_as_string(values[:_STAMPS]) if values.dtype.kind == "M" else ["0:00:00"]
+        raise DataError(f"{path}, column '{name}': holds {values.dtype}, not a number{dated(cells)}")
     if values.dtype.kind in "iuf":
         return values.astype(float)
     for k, value in enumerate(values.tolist(), 1):
         if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float))):
             raise DataError(f"{path}, column '{name}': holds '{str(value)[:40]}' in sample {k}, not a number"
-                            f"{dated(str(value))}")
+                            f"{dated(values[k - 1:])}")
     return np.array([np.nan if v is None else v for v in values.tolist()], dtype=float)
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import itertools
+import re
 
 import numpy as np
 import pandas as pd
 
 from ...core.errors import DataError
-from ...study.layout import PLAIN
+from ...study.layout import LAYOUT_KEYS, PLAIN
+from ...study.toml import to_toml
 from . import Table, dated, text_blocks
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "<na>", "#n/a", "inf", "-inf", "+inf", "infinity", "-infinity"}
@@ -30,6 +32,11 @@ def parts(path, wanted, text, layout=PLAIN):
         names, rows = _survey(path, wanted | {text}, layout)
     except DataError as error:
         raise _laid_out_otherwise(path, layout, error) from None
+    if wanted and not wanted & set(names):
+        lacking = DataError(f"{path}: holds none of the study's columns")
+        otherwise = _laid_out_otherwise(path, layout, lacking)
+        if otherwise is not lacking:
+            raise otherwise
     return rows, _tables(path, names, wanted, text, layout)
 
 
@@ -40,9 +47,13 @@ def _laid_out_otherwise(path, layout, error):
         found = look(path).layout
     except DataError:
         return error
-    lines = [line for key, line in zip(found.said, found.lines) if found.said[key] != layout.said.get(key)]
-    if not lines:
+    keys = [k for k in LAYOUT_KEYS if getattr(found, k) != getattr(layout, k)]
+    if found.encoding == PLAIN.encoding:  # its letters are the same in most others
+        keys = [k for k in keys if k != "encoding"]
+    if not keys:
         return error
+    lines = [f"{k} = {to_toml(getattr(found, k))}"
+             + (f" instead of {k} = {to_toml(layout.said[k])}" if k in layout.said else "") for k in keys]
     reason = str(error).partition("; ")[0]
     return DataError(f"{reason}; lay the file out as it is, in the study: [data] {', '.join(lines)}")
 
@@ -63,6 +74,21 @@ def _lines(path, layout):
         if kept:
             yield kept
             breaks = breaks[1:]  # the one that ends the last line yielded
+
+
+def _filled(path, layout):
+    """Yield the same blocks without lines that are blank, and the row of each line that is left."""
+    row = layout.preamble + 1
+    for block in _lines(path, layout):
+        lines = block.count("\n") + 1
+        kept = np.arange(lines)
+        if re.search(r"^ *$", block, re.MULTILINE):
+            every = block.split("\n")
+            kept = np.flatnonzero([line.strip(" ") != "" for line in every])
+            block = "\n".join(every[k] for k in kept)
+        if kept.size:
+            yield block, row + kept
+        row += lines
 
 
 def fields(line, separator):
@@ -87,15 +113,17 @@ def fields(line, separator):
 
 def _survey(path, wanted, layout):
     """Columns and number of rows, once every row has been found to have as many fields as there are columns."""
-    blocks = _lines(path, layout)
-    first = next(blocks, "")
+    blocks = _filled(path, layout)
+    first, above = next(blocks, ("", np.zeros(0, dtype=int)))
     line, named = first.partition("\n")[0], layout.header
     header = fields(line, layout.separator)
     if not named:
         header = [str(k) for k in range(1, len(header) + 1)]
     _check_header(path, line, header, wanted, layout)
+    if layout.units_row:
+        _check_units(path, first, above, layout)
     rows = 0
-    for block in itertools.chain([first] if first else [], blocks):
+    for block, at in itertools.chain([(first, above)] if first else [], blocks):
         counts = _fields(block, layout.separator)
         wrong = np.flatnonzero(counts != len(header))
         if layout.units_row and rows == 0:
@@ -103,7 +131,7 @@ def _survey(path, wanted, layout):
         if wrong.size:
             k = int(wrong[0])
             cut = counts[k] < len(header) and k == counts.size - 1 and next(blocks, None) is None
-            raise DataError(f"{path}, row {layout.preamble + rows + k + 1}: has {counts[k]} fields, the "
+            raise DataError(f"{path}, row {at[k]}: has {counts[k]} fields, the "
                             f"{'header' if named else 'first row'} has {len(header)}"
                             f"{' (the log ends within a row)' if cut else ''}; repair or remove the row")
         rows += counts.size
@@ -111,6 +139,14 @@ def _survey(path, wanted, layout):
     if rows < 1:
         raise DataError(f"{path}: has a header but no data rows" if named else f"{path}: has no data rows")
     return header, rows
+
+
+def _check_units(path, block, at, layout):
+    """Refuse a row that is said to hold units and holds numbers: it would be a sample that is lost."""
+    second = block.split("\n", 2)[1:2]
+    cells = [cell for line in second for cell in fields(line, layout.separator) if cell]
+    if cells and any(number(cell, layout.decimal) for cell in cells):
+        raise DataError(f"{path}: row {at[1]} holds numbers, not units; take units_row out of [data]")
 
 
 def _fields(block, separator):
@@ -128,16 +164,15 @@ def _fields(block, separator):
 def _tables(path, header, wanted, text, layout):
     """Yield the blocks of a file whose rows have the right length, without the rows above the first of numbers."""
     used = {name: k for k, name in enumerate(header) if name in wanted or name == text}
-    row = layout.preamble + 1
-    for block in _lines(path, layout):
-        while row <= layout.above and block:
-            block, row = block.partition("\n")[2], row + 1
+    above = layout.above - layout.preamble
+    for block, rows in _filled(path, layout):
+        while above and block:
+            block, rows, above = block.partition("\n")[2], rows[1:], above - 1
         if block:
-            yield _table(path, block, header, used, text, row, layout)
-            row += block.count("\n") + 1
+            yield _table(path, block, header, used, text, rows, layout)
 
 
-def _table(path, block, header, used, text, row, layout):
+def _table(path, block, header, used, text, rows, layout):
     kinds = {k: str if name == text else float for name, k in used.items()}
     options = dict(header=None, usecols=list(kinds), skip_blank_lines=False, skipinitialspace=True,
                    sep=r"\s+" if layout.separator == " " else layout.separator, decimal=layout.decimal)
@@ -146,10 +181,10 @@ def _table(path, block, header, used, text, row, layout):
     except ValueError as error:
         frame = pd.read_csv(io.StringIO(block), dtype=str, keep_default_na=False, **options)
         names = {k: n for n, k in used.items() if n != text}
-        raise _laid_out_otherwise(path, layout, _offender(path, frame, names, row, error, layout)) from None
+        raise _laid_out_otherwise(path, layout, _offender(path, frame, names, rows, error, layout)) from None
     columns = {name: frame[k].fillna("").to_numpy(dtype=str) if name == text else frame[k].to_numpy(dtype=float)
                for name, k in used.items()}
-    return Table(columns, header, np.arange(len(frame)) + row)
+    return Table(columns, header, rows)
 
 
 def number(cell, decimal="."):
@@ -188,7 +223,7 @@ def _check_header(path, line, header, wanted, layout):
             raise DataError(f"{path}: column '{name}' is there {header.count(name)} times; keep one")
 
 
-def _offender(path, frame, names, first, error, layout):
+def _offender(path, frame, names, rows, error, layout):
     """The first cell that is not a number."""
     found = []
     for k, name in names.items():
@@ -199,10 +234,10 @@ def _offender(path, frame, names, first, error, layout):
             found.append((int(bad[0]), name, cells.iloc[bad[0]]))
     if not found:
         return DataError(f"{path}: cannot be read as numbers ({error})")
-    row, name, cell = min(found)
-    hint = dated(cell)
+    first, name, cell = min(found)
+    hint = dated(frame[next(k for k, n in names.items() if n == name)].iloc[first:])
     if layout.decimal == "." and cell.replace(",", "", 1).lstrip("+-").isdigit():
         hint = '; use a decimal point' + (', or [data] decimal = ","' if layout.separator != "," else "")
-    if first + row == 1 and not layout.header:
+    if rows[first] == 1 and not layout.header:
         hint = "; if the first row names the columns, remove header = false"
-    return DataError(f"{path}, row {first + row}, column '{name}': '{cell[:40]}' is not a number{hint}")
+    return DataError(f"{path}, row {rows[first]}, column '{name}': '{cell[:40]}' is not a number{hint}")

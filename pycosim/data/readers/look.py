@@ -13,7 +13,7 @@ from pathlib import Path
 from ...core.errors import DataError
 from ...study.layout import DECIMALS, PLAIN, SEPARATORS, Layout
 from ...study.schema import known_unit
-from . import READERS, read_parts, refuse_no_file
+from . import READERS, read_parts, refuse_no_file, refuse_packed
 from .comma import MISSING, fields, number
 
 HEAD = 2**18
@@ -70,6 +70,7 @@ def look(path):
     """
     path = Path(path)
     refuse_no_file(path)
+    refuse_packed(path)
     key = path.suffix.lower()
     reader = "bam" if key == ".json" else None
     if reader is None and READERS.get(key, "comma") == "comma":
@@ -121,21 +122,23 @@ def _decodes(raw, encoding, whole=True):
 
 def _table(path, encoding, text):
     """The layout under which most columns are numbers down to the end."""
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\n").split("\n")
+    every = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\n").split("\n")
+    at = [k for k, line in enumerate(every) if line.strip(" ")]  # lines that are not blank, which no reader counts
+    lines = [every[k] for k in at]
     best, most = None, 0.0
     for separator, decimal in itertools.product(SEPARATORS, DECIMALS):
-        found = _numbers(lines, separator, decimal) if separator != decimal else None
+        found = _numbers(lines, separator, decimal) if lines else None
         if found is None:
             continue
         score = len(found[1]) ** 2 / found[2]  # many columns of numbers, and few of anything else
         if score > most:  # the first of equals is the more usual one
             best, most = (separator, decimal, *found), score
     if best is None:
-        raise DataError(f"{path}: no table of numbers is in its first {len(lines)} lines; export the log as "
+        raise DataError(f"{path}: no table of numbers is in its first {len(every)} lines; export the log as "
                         "comma-separated text, one row a sample")
     separator, decimal, start, numeric, width = best
     names, preamble, units = _names(lines, separator, decimal, start, width)
-    layout = Layout(names is not None, separator, decimal, encoding, preamble, units is not None)
+    layout = Layout(names is not None, separator, decimal, encoding, at[preamble], units is not None)
     header = names or [str(k) for k in range(1, width + 1)]
     told = {n: u for n, u in zip(header, units or []) if u.strip("[]()-")}
     return Look(path, layout, header, told, [header[k] for k in numeric])

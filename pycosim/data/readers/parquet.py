@@ -58,5 +58,5 @@ def _numbers(path, name, column, row):
     if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
         cell = str(column.iloc[0])[:40] if len(column) else ""
         raise DataError(f"{path}, column '{name}': holds {column.dtype}, "
-                        + (f"as '{cell}' in row {row}, not numbers{dated(cell)}" if cell else "not numbers"))
+                        + (f"as '{cell}' in row {row}, not numbers{dated(column)}" if cell else "not numbers"))
     return column.to_numpy(dtype=float, na_value=np.nan)
