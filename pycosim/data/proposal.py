@@ -17,7 +17,7 @@ from ..core.units import to_si
 from ..study.schema import COLUMN_KEYS, LOG_VARIABLES, Column, Setting, Study, known_unit
 from ..study.template import first_parameters
 from .likeness import WORDS, likeness, stated, words
-from .readers import read_parts
+from .readers import read_parts, stamped
 from .readers.look import Look, look
 
 UNITS = {"rad": ("rad", "deg", "rev", "mrad"), "rad/s": ("rad/s", "deg/s", "rpm", "rev/s"), "m": ("m", "mm"),
@@ -111,11 +111,14 @@ class Sample:
         Of data in the file.
     columns : dict of str to ndarray, shape (n,)
         The columns of numbers, from the first row on: all of it, or the first part of a long one.
+    stamps : (str, float) or None
+        Column of dates or times of day, and the rows a second [Hz] that they make.
     """
 
     look: Look
     rows: int
     columns: dict
+    stamps: tuple | None = None
 
 
 @dataclass(frozen=True)
@@ -206,7 +209,19 @@ def sampled(path):
     """
     seen = look(path)
     rows, tables = read_parts(seen.path, seen.reader, set(seen.numeric), "", seen.layout)
-    return Sample(seen, rows, next(tables).columns)
+    if rows < 2:
+        raise DataError(f"{seen.path}: has one row of data; a log needs at least two")
+    return Sample(seen, rows, next(tables).columns, _stamps(seen))
+
+
+def _stamps(seen):
+    """A column of text that is named as the time and holds dates, and the rows a second that they make."""
+    for name in (n for n in seen.header if n not in seen.numeric and words(n) and words(n) <= WORDS["s"]):
+        cells = next(read_parts(seen.path, seen.reader, set(), name, seen.layout)[1]).columns.get(name, ())
+        rate = stamped(cells[:1000]) if len(cells) else None
+        if rate:
+            return name, rate
+    return None
 
 
 def wanted(model):
@@ -312,6 +327,8 @@ def propose(sample, model, given=Given()):
     ------
     UnknownNameError
         What was given names a column, a variable or a unit that does not exist.
+    DataError
+        A rate was given, and a column is the time.
     """
     _refuse(sample, model, given)
     asked, notes = [], []
@@ -431,6 +448,15 @@ def _refuse(sample, model, given):
                                    f"{closest(variable, [*wanted(model), *LOG_VARIABLES])}")
         if unit and not (unit in UNITS["A"] and known[variable] == "N.m"):
             to_si(unit, known[variable], f"column '{name}'")
+    for variable in sorted(given.absent):
+        if variable not in known:
+            raise UnknownNameError(f"{seen.path}: the log cannot be without '{variable}', for {model.rig} has no such "
+                                   f"variable{closest(variable, wanted(model))}")
+    times = _times(sample, given)
+    if given.rate is not None and len(times) == 1:
+        raise DataError(f"{seen.path}: has a column '{times[0]}' that is the time, and a rate ({given.rate:g} Hz) is "
+                        "for logs without one; leave the rate out, or take the column out of the log where it is not "
+                        "the time")
 
 
 # --- the time ---------------------------------------------------------------------------------------------------------
@@ -442,15 +468,24 @@ def _time(sample, given, asked, notes):
     if said is not None or given.rate is not None:
         return said
     rising = [n for n, x in sample.columns.items() if _rises(x) and n not in given.columns]
-    named = [n for n in rising if words(n) and words(n) <= WORDS["s"]]
+    named = _times(sample, given)
     if len(named) == 1:
         return named[0]
-    option = f"--map {named[0] if named else rising[0]}=time:s, or --rate 500" if rising else "--rate 500"
-    which = f"Which column is the time ({', '.join(named or rising)})" if rising else "No column is a time"
+    stamps, rate = sample.stamps or ("", None)
+    rate = f"--rate {rate:g}" if rate else "--rate HZ"
+    option = f"--map {named[0] if named else rising[0]}=time:s, or {rate}" if rising else rate
+    which = f"Which column is the time ({', '.join(named or rising)})" if rising else (
+        f"'{stamps}' holds dates or times of day" if stamps else "No column is a time")
     text = f"{which}, or how many rows a second are there [Hz]?" if rising else (
         f"{which}; how many rows a second are there [Hz]?")
     asked.append(Question("time", (), text, tuple(named or rising), option))
     return None
+
+
+def _times(sample, given):
+    """Columns that are named as the time, and rise as it does."""
+    return [n for n, x in sample.columns.items() if n not in given.columns and words(n) and words(n) <= WORDS["s"]
+            and _rises(x)]
 
 
 def _rises(x):

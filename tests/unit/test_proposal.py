@@ -195,7 +195,7 @@ def test_a_log_without_time_asks_for_its_rate(models):
     sample = sampled("log.csv")
     proposal = propose(sample, models[JOINT])
     question = proposal.questions[0]
-    assert question.kind == "time" and "how many rows a second" in question.text and question.option == "--rate 500"
+    assert question.kind == "time" and "how many rows a second" in question.text and question.option == "--rate HZ"
     with pytest.raises(DataError, match="no number above zero"):
         answered(proposal, Given(), question, "-3")
     given = answered(proposal, Given(), question, "250")
@@ -287,6 +287,16 @@ def test_piped_it_says_in_one_sentence_what_to_give_and_writes_nothing(here, cap
     assert (column.unit, column.sign, column.gain) == ("N.m", -1, 2.0)
 
 
+def test_dates_tell_the_rate_that_can_be_said_instead(here, capsys):
+    stamps = pd.Timestamp("2025-06-01 10:00") + pd.to_timedelta(np.arange(300) * 4, unit="ms")
+    write(text(bare(time=stamps.strftime("%Y-%m-%d %H:%M:%S.%f"))))
+    assert main(["new", "GearedJoint", "--data", "log.csv", "--si", "--map", "load_torque=C"]) == 2
+    assert "--rate 250" in capsys.readouterr().err
+    assert main(["new", "GearedJoint", "--data", "log.csv", "--si", "--map", "load_torque=C", "--rate", "250"]) == 0
+    study = load_study("GearedJoint.toml")
+    assert (study.rate, study.time_column) == (250.0, "")
+
+
 def test_without_a_rig_the_columns_tell_or_it_is_asked_for(capsys):
     write(text())
     assert main(["new", "--data", "log.csv", "--map", "load_torque [Nm]=C"]) == 0
@@ -304,6 +314,11 @@ def test_without_a_rig_the_columns_tell_or_it_is_asked_for(capsys):
      "unknown key 'gian'; closest: 'gain'"),
     (["new", "GearedJoint", "--data", "log.csv", "--map", "time [s]=time:s,gain=x"], "gain = 'x' is not a number"),
     (["new", "GearedJoint", "--data", "log.csv", "--rate", "0"], "--rate 0: must be above zero"),
+    (["new", "GearedJoint", "--data", "log.csv", "--rate", "500"],
+     "log.csv: has a column 'time [s]' that is the time, and a rate (500 Hz) is for logs without one"),
+    (["new", "GearedJoint", "--data", "log.csv", "--without", "C_X"],
+     "log.csv: the log cannot be without 'C_X', for DriveTrain.Rigs.GearedJoint has no such variable; "),
+    (["new", "GearedJoint", "--data", "short.csv"], "short.csv: has one row of data; a log needs at least two"),
     (["new", "GearedJoint", "--data", "log.csv", "other.csv", "--si", "--map", "load_torque [Nm]=C"],
      "other.csv: is laid out otherwise (separator = \";\")"),
     (["new", "GearedJoint", "--data", "log.csv", "lacks.csv", "--si", "--map", "load_torque [Nm]=C"],
@@ -312,6 +327,7 @@ def test_what_cannot_be_is_refused(arguments, told, here, capsys):
     write(text())
     write(text(sep=";"), "other.csv")
     write(text(frame().drop(columns="load_torque [Nm]")), "lacks.csv")
+    write(text(frame().head(1)), "short.csv")
     assert main(arguments) == 2
     err = capsys.readouterr().err
     assert told in err and err.count("\n") == 1 and not list(here.glob("*.toml"))
