@@ -373,9 +373,15 @@ class Dataset:
                 self, parameters, usual, slowest, angles)
         self.w_min = float(np.max(least))
         self.config = np.array([self.measured[k] for k in angles]) if angles else np.cumsum(self.speeds[:1], axis=1)
+        if self.left_out.all():
+            raise DataError(f"{self.study.path}: [data] leave_out covers every sample of {self.logs[0].name}"
+                            f"{' and the others' if len(self.logs) > 1 else ''}, so that nothing is compared; name the "
+                            f"stretches alone that must not count, within {self.time[0]:.6g} to {self.time[-1]:.6g} s")
         if not self.moving.any():
-            raise DataError(f"{self.logs[0].path}: nothing moves: no sample has every segment faster than w_min = "
-                            f"{self.w_min:.3g} {self.speed_unit}; record motion, or lower w_min in the study")
+            beyond = " beside what leave_out leaves out" if self.left_out.any() else ""
+            raise DataError(f"{self.logs[0].path}: nothing moves{beyond}: no sample has every segment faster than "
+                            f"w_min = {self.w_min:.3g} {self.speed_unit}; record motion, or lower [data] w_min in the "
+                            "study")
         self.blocks = segmentation.blocks(self.time, self.config, self.passes, self.speeds, self.run,
                                           paired=self.paired)
         self.block = self.blocks.index

@@ -26,6 +26,7 @@ from .schema import (
     REFERENCES,
     RIG_KEYS,
     SETTING_KEYS,
+    TABLE_KEYS,
     TABLES,
     TOP_KEYS,
     Column,
@@ -67,13 +68,26 @@ class Source:
             self.tables = tomllib.loads(self.text)
         except tomllib.TOMLDecodeError as error:
             self._refuse_log(path)
-            raise StudyError(f"{path}: not valid TOML: {error}") from None
+            raise StudyError(self._twice(str(error)) or f"{path}: not valid TOML: {error}") from None
 
     def _refuse_log(self, path):
         """Say of a log that it is one."""
         if self.path.suffix.lower() in LOG_ENDINGS:
             raise StudyError(f"{path} is a log, not a study; give it with --data, behind a study: 'pycosim improve "
                              f"study.toml --data {path}', where 'pycosim new --data {path}' writes the study")
+
+    def _twice(self, told):
+        """A message for a key or a table that is there twice, which no TOML may have; None for any other fault."""
+        found = re.search(r"(?:overwrite|twice).*\(at (?:line (\d+)|end of document)", told)
+        if not found:
+            return None
+        lines = self.text.rstrip().splitlines()
+        for number in range(int(found.group(1) or len(lines)), 0, -1):  # a value may end lines below its key
+            key = re.match(r"""\s*(\[+[^\]]*\]+|"[^"]*"|'[^']*'|[\w.-]+)\s*(=|\#|$)""", lines[number - 1])
+            if key:
+                what = "put all its keys under one" if key[1].startswith("[") else "keep one of the two"
+                return f"{self.path}:{number}: {key[1]} is given twice; {what}"
+        return None
 
     def error(self, where, message, key="", kind=StudyError):
         """An error that names file, line of the key, and place in the file.
@@ -119,7 +133,9 @@ class Source:
         """
         for key in table:
             if key not in known:
-                raise self.error(where, f"unknown key '{key}'{closest(key, known)}", line or key)
+                other = next((name for name, keys in TABLE_KEYS.items() if key in keys and name != where), None)
+                near = f"; it belongs under {other}" if other and where in TABLE_KEYS else closest(key, known)
+                raise self.error(where, f"unknown key '{key}'{near}", line or key)
 
     def take(self, table, key, kind, where, default=None, line=""):
         """A value of the wanted type, or the default.
@@ -287,7 +303,7 @@ def _layout(source, table):
         raise source.error(where, "rate is for logs without a column of time, but time_column names one; keep one of "
                            "the two", "rate")
     if rate is None and table.get("time_column") == "":
-        raise source.error(where, 'time_column = "" says that no column is the time; add rate = 500, the rows a second',
+        raise source.error(where, 'time_column = "" says that no column is the time; add rate, the rows a second',
                            "time_column")
     span = source.take(table, "time", list, where)
     if span is not None:
@@ -331,9 +347,6 @@ def _text_layout(source, table):
     if found.said and table.get("reader") is not None:
         key, line = next(iter(found.said)), found.lines[0]
         raise source.error(where, f"{line} is for comma-separated text; remove reader = '{table['reader']}'", key)
-    if found.separator == found.decimal:
-        raise source.error(where, "separator and decimal are both a comma, and no number could be told from two; keep "
-                           "one of them", "decimal")
     if found.preamble < 0:
         raise source.error(where, f"preamble = {found.preamble} lines must not be below zero", "preamble")
     if found.units_row and not found.header:

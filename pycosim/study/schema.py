@@ -36,6 +36,7 @@ LIMIT_KEYS = ("min", "max")
 DATA_KEYS = ("runs", "held_out", "reference", "label", "time_column", "w_min", "seed", "drop_outs",
               "average", "reader", "most", "rate", "time", "leave_out", *LAYOUT_KEYS, "accept", "rejected")
 FIT_KEYS = ("robust", "own")
+TABLE_KEYS = {"[rig]": RIG_KEYS, "[data]": DATA_KEYS, "[fit]": FIT_KEYS}
 MOST = 2_000_000
 """Rows of a log that are read one by one, if the study does not say."""
 

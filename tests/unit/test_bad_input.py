@@ -235,6 +235,14 @@ def test_a_value_of_each_run_of_an_effect_that_is_not_there_is_refused(verb, who
     assert main([verb, "study.toml", "--data", "log.csv"]) == 0
 
 
+def test_where_nothing_is_left_to_compare_it_is_said_why(whole, here, capsys):
+    whole.to_csv(here / "log.csv", index=False)
+    (here / "study.toml").write_text(STUDY.replace("[data]", "[data]\nleave_out = [[0, 5000]]"))
+    refused(here, capsys, "study.toml: [data] leave_out covers every sample of log.csv, so that nothing is compared")
+    (here / "study.toml").write_text(STUDY.replace("[data]", "[data]\nw_min = 500.0"))
+    refused(here, capsys, "record motion, or lower [data] w_min in the study")
+
+
 def test_the_check_refuses_what_no_other_verb_could_use(whole, here, capsys):
     (here / "study.toml").write_text(STUDY.replace('reference = "unknown"', 'reference = "sensor"'))
     whole.drop(columns="C_K").to_csv(here / "log.csv", index=False)
