@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import DataError, closest
+from ..core.units import UNITS
 from .chunks import Gathered
 from .copies import refuse_copies
 from .frames import Frame
@@ -18,6 +19,7 @@ from .readers import read_parts
 
 SLOWEST, FASTEST = 10.0, 1e-6
 """Median sample intervals [s] beyond which the time column cannot be in seconds."""
+_USUAL = 0.2  # s between samples of a drive at most
 
 
 @dataclass
@@ -171,8 +173,9 @@ def require_units(logs):
     for log in logs:
         median = float(np.median(np.diff(log.time))) / log.meta.get("means_of", 1) if log.time.size > 1 else 1.0
         if not FASTEST <= median <= SLOWEST:
+            unit = next((u for u in ("ms", "us", "ns") if median * UNITS[u][1] <= _USUAL), "ns")
             raise DataError(f"{log.path}: a sample every {median:.3g} s (median) cannot be; time must be in s, or say "
-                            'its unit: [columns] time = { variable = "time", unit = "ms" }')
+                            f'its unit: [columns] time = {{ variable = "time", unit = "{unit}" }}')
         _check_speeds(log)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
@@ -27,7 +28,7 @@ COARSE = 16  # samples of the means that must tell of the same noise as single s
 PROVED = 3.0  # least gain in log-likelihood for which correlated noise is assumed: 5 % by chance (its two parameters)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # the filters of a chain are kept by its identity
 class Chain:
     """How the slow noise of samples hangs together.
 
@@ -155,7 +156,7 @@ class Noise:
         if self.slow == 0.0:
             return values / self.white
         flat = values.reshape(-1, values.shape[-1])
-        return _innovations(flat, *self._filter(chain)).reshape(values.shape)
+        return _innovations(flat, *_filter(self, chain)).reshape(values.shape)
 
     def whiten_transposed(self, values, chain):
         """Product of ``values`` with the transpose of the matrix that `whiten` multiplies by.
@@ -173,7 +174,7 @@ class Noise:
         """
         if self.slow == 0.0:
             return values / self.white
-        own, from_before, spread = self._filter(chain)
+        own, from_before, spread = _filter(self, chain)
         u = values / spread
         later = _recursion(np.r_[0.0, own[:0:-1]], -u[None, ::-1])[0, ::-1]
         return u + np.r_[from_before[1:] * later[1:], 0.0]
@@ -199,8 +200,10 @@ class Noise:
         half = _recursion(chain.kept(self.memory), each) @ rows.T
         return self.white ** 2 * plain + self.slow ** 2 * (half + half.T - each @ rows.T)
 
-    def _filter(self, chain):
-        return _gains(chain.kept(self.memory), self.slow ** 2 * chain.variance(self.memory), self.white ** 2)
+
+@lru_cache(maxsize=4)  # the same noise whitens many a residual of the same samples
+def _filter(noise, chain):
+    return _gains(chain.kept(noise.memory), noise.slow ** 2 * chain.variance(noise.memory), noise.white ** 2)
 
 
 def _recursion(factor, drive):

@@ -22,7 +22,7 @@ from .readers.look import Look, look
 
 UNITS = {"rad": ("rad", "deg", "rev", "mrad"), "rad/s": ("rad/s", "deg/s", "rpm", "rev/s"), "m": ("m", "mm"),
          "m/s": ("m/s", "mm/s"), "N.m": ("N.m", "mN.m", "N.cm"), "N": ("N", "kN"), "V": ("V", "mV"),
-         "A": ("A", "mA"), "s": ("s", "ms", "us")}
+         "A": ("A", "mA"), "s": ("s", "ms", "us", "ns")}
 """Answers to the question for a unit; a current's are answers too where a torque is asked for."""
 PLAUSIBLE = 5.0, 10e3
 """Rates [Hz] of logs of drives. An interval that fits one unit of time alone within them tells the unit."""

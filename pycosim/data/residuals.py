@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -160,7 +161,7 @@ class Residuals:
         """Number of samples."""
         return self.measured.shape[1]
 
-    @property
+    @cached_property
     def chain(self):
         """How the noise of the samples hangs together."""
         return chained(self.time, self.group, self.linked, self.lags, self.colour)
@@ -178,6 +179,7 @@ class Residuals:
         Residuals
         """
         fewer = copy.copy(self)  # shares the compiled functions
+        fewer.__dict__.pop("chain", None)
         fewer.measured = self.measured[:, ::k]
         fewer.terms = lambda parameters, free, thin=1: self.terms(parameters, free, k * thin)
         fewer.time, fewer.group, fewer.block = self.time[::k], self.group[::k], self.block[::k]

@@ -495,8 +495,10 @@ def _told_from_nothing(dataset, model, finding, smaller, without):
 
     An interval takes the model as straight. A factor of a product, such as the growth of a loss that is small itself,
     or a drift whose time is longer than the log, is known to differ from nothing long before its size is known. Where
-    the model is straight, both say the same.
+    the model is straight, both say the same. The interval of a delay is that of its likelihood, and says it itself.
     """
+    if finding.fit.profiles:
+        return finding.fit
     base = component_name(*model.attached[-1])
 
     def squares(m, f):

@@ -22,7 +22,7 @@ READERS = ("bam", "epos")
 LOG_ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".parquet", ".pq", ".mat", ".mcap", ".mf4", ".mdf")
 """Of files that are read as logs unless [data] reader says more."""
 FINDINGS = ("sign", "swap", "scale", "unit", "shift", "clock", "wrap", "clipped", "stuck", "outliers", "shock",
-            "filtered", "zero", "limits", "resolution", "rest", "rate")
+            "filtered", "zero", "disagreement", "limits", "resolution", "rest", "rate")
 """Kinds of what the data check finds, that a study can accept."""
 # What a log may hold although the rig has no such variable: effects read it, or it is only looked at.
 LOG_VARIABLES = {"time": "s", "temperature": "degC"}

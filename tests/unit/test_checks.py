@@ -19,6 +19,7 @@ from pycosim.core.errors import StudyError
 from pycosim.data.checks import DISCRETE, KINDS, check
 from pycosim.data.checks.finding import Finding, joined
 from pycosim.data.checks.limits import beyond
+from pycosim.data.dataset import Dataset
 from pycosim.data.logs import load
 from pycosim.study.parse import load_study
 
@@ -48,6 +49,14 @@ def stuck(name):
     return change
 
 
+def zero(name):
+    def change(f):
+        values = f[name].to_numpy(copy=True)
+        values[len(values) // 2:-1000] = 0.0
+        return f.assign(**{name: values})
+    return change
+
+
 def counts(f):
     return f.assign(**{n: np.round(f[n] / (2 * np.pi) * 4096) for n in THETA})
 
@@ -72,10 +81,15 @@ MISTAKES = {
     "a reference in millinewton metres": (times(1e3, *C), "unit", 'unit = "mN.m"'),
     "amperes": (times(1 / 0.14, *TAU), "unit", 'unit = "A", k_m = 0.1'),
     "steps of an encoder": (counts, "unit", "gain = 0.00153398"),
+    "all torques in millinewton metres": (times(1e3, *TAU, *C), "unit", 'unit = "mN.m"'),
+    "revolutions": (times(1 / (2 * np.pi), *THETA, *OMEGA), "unit", 'unit = "rev"'),
     "milliseconds": (times(1e3, "time"), "unit", 'time = { variable = "time", unit = "ms" }'),
+    "nanoseconds": (lambda f: f.assign(time=1e9 * f.time), "unit", 'unit = "ns"'),
     "an angle that begins again": (wrapped, "wrap", "wrap = 6.28319"),
     "a torque that stays": (stuck("tau1"), "stuck", "[data]\ntime = [0"),
     "a reference that stays": (stuck("C_H"), "stuck", "[data]\ntime = [0"),
+    "a reference that is zero for a while": (zero("C_H"), "stuck", "[data]\ntime = [0"),
+    "an angle that stays": (lambda f: stuck("theta2")(f.drop(columns=[*OMEGA, "q_H", "q_K"])), "stuck", "time = [0"),
     "another clock": (late(0.0, 0.003, *C), "clock", "clock = 1.00"),
     "joint encoders with another clock": (late(0.0, 0.003, "q_H", "q_K"), "clock", "clock = 1.00"),
 }
@@ -239,6 +253,58 @@ def test_what_is_continuous_is_said_and_stops_nothing(library, tmp_path):
     assert "zero = 0.0349" in told["zero"].mend
     hit = [t for t in frame["time"].to_numpy()[at] if any(a <= t <= b for a, b in told["outliers"].times)]
     assert len(hit) >= 18
+
+
+@pytest.mark.parametrize("name", ["theta1", "tau1"])
+def test_a_number_that_stands_for_none_is_an_outlier_and_no_other_mistake(name, library, tmp_path):
+    values = sound(extra=())[name].to_numpy(copy=True)
+    at = np.random.default_rng(2).choice(len(values) - 9, len(values) // 500, replace=False)
+    values[at] = values[at[:3] + 1] = values[-1] = -9999.0  # also in a row, near turns, at the end
+    asked = study(tmp_path, sound(extra=()).assign(**{name: values}))
+    found = checked(library, asked)
+    assert [(f.kind, f.columns) for f in found.findings if f.wrong] == [("outliers", [name])]
+    if name == "theta1":  # left as it is, no speed would be what it was
+        clean = study(tmp_path, sound(extra=()))
+        reached = [Dataset(replace(s, robust=True), library).w_min for s in (asked, clean)]
+        assert reached[0] == pytest.approx(reached[1], rel=0.05)
+
+
+def test_encoders_that_count_from_elsewhere_are_no_gear_and_no_offset_of_a_reference(library, tmp_path):
+    frame = sound(extra=())
+    for shifted in (frame.assign(theta1=frame.theta1 + 100.0),
+                    frame.assign(**{n: frame[n] - frame[n].iloc[0] for n in THETA})):
+        found = checked(library, study(tmp_path, shifted))
+        assert {(f.kind, f.columns[0]) for f in found.findings if f.wrong} <= {("zero", n) for n in THETA}
+        assert any(f.kind == "zero" for f in found.findings)
+        assert all(e < 0.05 * f.error_before[c] for f in found.findings for c, e in f.error_after.items() if c == "C_H")
+
+
+def test_what_follows_from_nothing_is_said_and_taken_for_no_other_mistake(library, tmp_path):
+    frame = sound(extra=())
+    noise = np.random.default_rng(3).normal(0, 1, len(frame))
+    for column, values in (("C_K", noise), ("tau1", frame.tau1 + 1e5)):
+        found = checked(library, study(tmp_path, frame.assign(**{column: values})))
+        wrong = [f for f in found.findings if f.told and f.kind != "limits"]
+        assert [f.kind for f in wrong] == ["disagreement"] and "C_K" in wrong[0].columns, [f.text for f in wrong]
+
+
+def test_a_motor_that_never_moves_is_told_and_stops_nothing(library, tmp_path):
+    found = checked(library, study(tmp_path, sound(extra=()).assign(theta2=26.5)))
+    assert not found.blocking
+    assert [f.columns for f in found.findings if f.kind == "stuck"] == [["theta2"]]
+
+
+def test_currents_are_not_told_without_the_references_that_would_explain_them(library, tmp_path):
+    frame = sound(extra=())
+    asked = study(tmp_path, frame.assign(**{n: frame[n] / 9.80665 for n in C}))  # kgf.m
+    unit, = checked(library, asked).blocking
+    assert unit.kind == "unit" and "or C_H and C_K are 0.10" in unit.text
+
+
+def test_a_unit_of_the_time_that_the_study_says_wrong_is_told(library, tmp_path):
+    text = STUDY.replace("[columns]\n", '[columns]\ntime = { variable = "time", unit = "min" }\n')
+    unit, = checked(library, study(tmp_path, sound(extra=()), text)).blocking
+    assert unit.mend == 'time = { variable = "time", unit = "s" }'
 
 
 def test_a_robust_study_is_not_told_to_be_robust(library, tmp_path):

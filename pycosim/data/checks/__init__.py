@@ -13,20 +13,20 @@ from dataclasses import replace
 import numpy as np
 
 from .asking import asked
-from .changes import Columns
+from .changes import Columns, listed
 from .clipped import clipped
 from .finding import DISCRETE, FACTS, KINDS, Checked, Finding, joined, ordered
 from .limits import limits
 from .named import named
-from .outliers import outliers, shocks
+from .outliers import outliers, shocks, without_outliers
 from .readings import Readings, Source
-from .relations import ModelRelation, relations
+from .relations import WORST, ModelRelation, relations
 from .sampling import clock, rate, resolution, rest
-from .search import BAD, LEAST, Search
+from .search import BAD, LEAST, UNLIKE, Search
 from .stuck import copied, moved, stuck
 from .timing import Timing, filtered
 from .wrapped import wrapped
-from .zeros import encoder_zeros, motor_zeros, reference_offsets
+from .zeros import encoder_zeros, motor_zeros, reference_offsets, turned
 
 __all__ = ["Checked", "DISCRETE", "FACTS", "Finding", "KINDS", "check"]
 
@@ -64,6 +64,7 @@ def check(study, library, model, logs):
     unwrapped, logs, _ = wrapped(logs, columns)
     in_seconds, factor = clock(study, logs, model)
     found += steps + unwrapped + in_seconds + outliers(logs, columns, study) + copied(logs, columns)
+    logs = without_outliers(logs)
     every = _Relations(study, library, model, logs, factor, raw)
     apart, sound = every.apart()
     found += apart + (_Relations(study, library, model, sound, factor, raw) if apart else every).findings()
@@ -127,19 +128,39 @@ class _Relations:
         whole = {k: r.hold(self.whole, state.sources, state.holds[k].x) for k, r in enumerate(self.relations)}
         holds = [(r, whole[k]) for k, r in enumerate(self.relations)]
         found += stuck(self.whole, state.sources, self.columns, self.group, holds)
-        forces = [n for role in ("torques", "references") for n in self.group[role]]
+        still = {c for f in found if f.kind == "stuck" for c in f.columns}
+        forces = [n for role in ("torques", "references") for n in self.group[role] if self.columns.of(n) not in still]
         motion = moved(self.whole, state.sources, self.group)
         found += clipped(self.whole, np.ones(self.whole.time.size, bool) if motion is None else motion, self.columns,
                          forces)
         found += rest(self.logs, self._moving(whole))
-        found += self._times(state)
+        found += [] if still else self._times(state)
         if not any(f.kind in ("shift", "clock", "filtered", "stuck", "clipped") for f in found):
-            found += shocks(self.whole, self.columns, holds, self.study)
+            sound = [(r, h) for r, h in holds
+                     if not getattr(r, "always", False) or max(h.relative.values()) < BAD]
+            found += shocks(self.whole, self.columns, sound, self.study)
         found += self._zeros(state, whole)
         if not any(f.kind in ("shift", "clock", "filtered", "stuck", "clipped", "zero") for f in found):
             found += self.search.gains(state)
+        if not any(f.kind in DISCRETE for f in found):
+            mended = {c for f in found for c, e in f.error_after.items() if e < 0.5 * f.error_before[c]}
+            found += self._unlike(state, mended)
         return found + self._limits(state) + asked(self.relations, state.holds, self.columns, self.group,
                                                    self._limited())
+
+    def _unlike(self, state, mended):
+        """Channels that do not follow from what they are told from, and nothing that was found mends it."""
+        for k, relation in enumerate(self.relations):
+            hold, least = state.holds[k], UNLIKE if getattr(relation, "always", False) else WORST
+            off = [c for c, e in hold.relative.items() if e >= least and np.isfinite(hold.error[c]) and c not in mended]
+            if off:
+                names = [self.columns.of(v) for v in self.sources if v in relation.variables - {*relation.channels}]
+                text = (f"{listed(self.columns.of(c) for c in off)} {'do' if len(off) > 1 else 'does'} not follow from "
+                        f"{listed(names)}, and no sign, place or unit of a column mends that: "
+                        + ", ".join(f"{hold.error[c]:.3g} of {hold.spread[c]:.3g} is left" for c in off)
+                        + "; plot these columns over time")
+                return [Finding("disagreement", text, [self.columns.of(c) for c in off], 0.9)]
+        return []
 
     def _moving(self, whole):
         own = [whole[k].used for k, r in enumerate(self.relations)
@@ -151,7 +172,9 @@ class _Relations:
             return []
         some = self.whole.thinned(_SOME)
         holds = {k: r.hold(some, state.sources, state.holds[k].x) for k, r in enumerate(self.relations)}
-        found = Timing(some, state.sources, self.relations, holds, self.columns, self.group,
+        telling = [k for k, h in holds.items() if max(h.relative.values()) < UNLIKE]  # no other says when
+        found = Timing(some, state.sources, [self.relations[k] for k in telling],
+                       {n: holds[k] for n, k in enumerate(telling)}, self.columns, self.group,
                        self.whole.thinned(_DENSE)).findings()
         own = next((k for k, r in enumerate(self.relations) if getattr(r, "name", "") == "estimate"), None)
         if own is not None and not any(f.kind == "clock" for f in found):
@@ -164,11 +187,18 @@ class _Relations:
     def _zeros(self, state, whole):
         found = encoder_zeros(self.few, state.sources, self.relations, self.columns)
         offsets = reference_offsets(self.few, state.sources, self.relations, state.holds, self.columns)
-        for k, relation in enumerate(self.relations if not offsets else ()):
-            if getattr(relation, "name", "") == "weight":
-                zeros = {f"{c}.phi": f"{c}.zero" for c in self.model.components("signal")}
-                found += motor_zeros(self.few, state.sources, self.relations, k, state.holds, self.columns, zeros)
+        weight = next((k for k, r in enumerate(self.relations) if getattr(r, "name", "") == "weight"), None)
+        if weight is not None and (not offsets or self._turned(weight, state)):
+            offsets = motor_zeros(self.few, state.sources, self.relations, weight, state.holds, self.columns,
+                                  self.model, self.search.ratios)
         return found + offsets
+
+    def _turned(self, weight, state):
+        """Whether the weight is told better with other zeros of the motors than with offsets of the references."""
+        relation, readings = self.relations[weight], self.few
+        offset = relation.hold(readings, state.sources, state.holds[weight].x, offset=True)
+        there = turned(relation, readings, state.sources, self.model, self.search.ratios)[0]
+        return sum(there.relative.values()) < 0.5 * sum(offset.relative.values())
 
     def _known(self, state):
         """Values of everything that limits may name."""

@@ -38,7 +38,7 @@ def asked(relations, holds, columns, group, limited):
     balance = next((k for k, r in enumerate(relations) if getattr(r, "scale", None)), None)
     factor = None
     if balance is not None and max(holds[balance].relative.values()) < _FITS:
-        factor = _weight(relations[balance], holds[balance].x)
+        factor = weight(relations[balance], holds[balance].x)
     if factor is not None and _LIKELY[0] <= factor <= _LIKELY[1] or factor is None and limited:
         return []
     if factor is None:
@@ -52,8 +52,21 @@ def asked(relations, holds, columns, group, limited):
     return [Finding("unit", text, [columns.of(n) for n in torques], certainty, mend="\n".join(lines))]
 
 
-def _weight(relation, x):
-    """Fitted masses over given ones."""
+def weight(relation, x):
+    """Fitted masses of a load over given ones.
+
+    Parameters
+    ----------
+    relation : ModelRelation
+        Of what the load weighs.
+    x : ndarray
+        Its free parameters, fitted.
+
+    Returns
+    -------
+    float or None
+        None where no mass is fitted.
+    """
     masses = [k for k, n in enumerate(relation.free) if relation.units[n] == "kg"]
     given = sum(relation.given[relation.at[k]] for k in masses)
     return float(sum(x[k] for k in masses) / given) if given > 0 else None

@@ -261,8 +261,9 @@ def unit_changes(columns, group, ratios, steps):
     list of Change
     """
     found = _both_units(columns, group)
-    for members in group.values():
-        for chosen in [(m,) for m in members] + ([tuple(members)] if len(members) > 1 else []):
+    forces = (*group["torques"], *group["references"])  # from one program that writes all of them alike
+    for members in (*group.values(), forces):
+        for chosen in [(m,) for m in members if members is not forces] + ([tuple(members)] if len(members) > 1 else []):
             column = columns.column(chosen[0])
             if column is None or any(columns.column(m) is None or columns.column(m).unit != column.unit
                                      for m in chosen):

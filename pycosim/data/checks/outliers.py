@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from ...study.toml import to_toml
+from ..spikes import MANY, MOTION, mended, spikes, starts
 from .finding import Finding
 
-_FAR = 10.0
-"""Robust standard deviations from the median of the neighbours: of a million normal samples none is beyond 6, and noise
-that grows with load or speed is measured around each sample."""
-_SIDE, _AROUND = 3, 100  # samples on each side of the median, and of the scatter
-_NEAR = 5  # samples about a start, a stop or a turn
-_SEEN = 0.01  # of the range: nearer ones move no fit
-_SHARE = 0.02  # of the samples: more are no outliers
 _SHOCK = 12.0  # robust deviations of the residual over a tenth of a second
 _CALM = 0.3  # s to the next sample at rest, start, stop or turn
 _LONGEST = 0.5  # s that a shock lasts at most
@@ -39,81 +35,41 @@ def outliers(logs, columns, study):
     """
     found, turns = [], {log.name: starts(log) | study.left_out(log.name, log.time) for log in logs}
     mend = "" if study.robust else "[fit]\nrobust = true"
-    weighed = "they are weighed down" if study.robust else "[fit] robust = true weighs them down"
     for name in sorted(set.intersection(*[set(log.signals) for log in logs])):
         times, count, total, size = [], 0, 0, 0.0
         for log in logs:
             values = log.signals[name]
             total += values.size
-            far, off = spikes(values)
-            free = ~turns[log.name][far]
-            far, off = far[free], off[free]
+            far, off = spikes(values, turns[log.name])
             count += far.size
             size = max(size, float(np.abs(off).max(initial=0.0)))
             times += [(float(log.time[max(k - 1, 0)]), float(log.time[min(k + 1, values.size - 1)])) for k in far]
-        if count and count < _SHARE * total:
+        if count and count < MANY * total:
             column = columns.column(name)
+            done = ("bridged", "bridges them") if name.endswith(MOTION) else ("weighed down", "weighs them down")
+            done = f"they are {done[0]}" if study.robust else f"[fit] robust = true {done[1]}"
             text = (f"{count} {'samples' if count > 1 else 'sample'} of {columns.of(name)} "
                     f"({100 * count / total:.2g} %) {'are' if count > 1 else 'is'} far off the neighbours, "
-                    f"by up to {size:.3g} {column.dimension if column else ''}; {weighed}")
+                    f"by up to {size:.3g} {column.dimension if column else ''}; {done}")
             found.append(Finding("outliers", text, [columns.of(name)], 0.99, mend=mend,
                                  times=times[:50]))
     return found
 
 
-def starts(log):
-    """Samples about which a joint starts, stops or turns: a torque may jump there, and be back at the next sample.
+def without_outliers(logs):
+    """Logs whose signals hold no outliers, so that each does not look like another mistake.
 
     Parameters
     ----------
-    log : Log
-        Its angles tell where a joint moves.
+    logs : list of Log
+        As recorded; none of them is changed.
 
     Returns
     -------
-    ndarray of bool, shape (n,)
+    list of Log
     """
-    found = np.zeros(len(log.time), bool)
-    for name, values in log.signals.items():
-        if name.endswith((".phi", ".s")) and values.size > 4 * _NEAR:
-            steps = np.abs(np.diff(values))
-            least = 2 * float(steps[steps > 0].min(initial=np.inf)) if (steps > 0).any() else np.inf
-            moved = values[_NEAR:] - values[:-_NEAR]
-            before, after = moved[:-_NEAR], moved[_NEAR:]
-            slow, fast = (f(np.abs(before), np.abs(after)) for f in (np.minimum, np.maximum))
-            turn = (fast > least) & ((slow < 0.2 * fast) | (before * after < 0))
-            found[_NEAR:-_NEAR] |= turn
-    return maximum_filter1d(found, 2 * _NEAR + 1)
-
-
-def spikes(values):
-    """Samples far off the median of their neighbours.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Of one signal of one log, in any unit.
-
-    Returns
-    -------
-    at : ndarray of int
-    off : ndarray
-        How far, in the unit of the values.
-    """
-    if values.size < 2 * _AROUND:
-        return np.empty(0, int), np.empty(0)
-    off = values - median_filter(values, 2 * _SIDE + 1, mode="nearest")
-    size = np.abs(off)
-    middle = float(np.median(size))
-    whole = 1.4826 * middle if middle else 1.2533 * float(np.mean(np.minimum(size, np.quantile(size, 0.99))))
-    # the mean around, each sample limited, follows noise that grows and shrinks; a spike moves it by little
-    around = 1.2533 * uniform_filter1d(np.minimum(size, 5 * whole + 1e-300), 2 * _AROUND + 1, mode="nearest")
-    # in motion the neighbours themselves lie apart
-    travel = maximum_filter1d(np.abs(median_filter(np.diff(values, prepend=values[0]), 5, mode="nearest")), 9)
-    far = size > np.maximum(_FAR * np.maximum(whole, around), 4 * travel)
-    far &= size > _SEEN * float(np.quantile(values, 0.99) - np.quantile(values, 0.01))
-    at = np.flatnonzero(far)
-    return at, off[at]
+    turns = [starts(log) for log in logs]
+    return [replace(log, signals={n: mended(v, t) for n, v in log.signals.items()}) for log, t in zip(logs, turns)]
 
 
 def shocks(readings, columns, holds, study):
@@ -136,7 +92,7 @@ def shocks(readings, columns, holds, study):
     """
     hit, time, run = np.zeros(readings.time.size, bool), readings.time, readings.run
     named = set()
-    turns = np.concatenate([_about(starts(log), log.time * readings.clock)[pick]
+    turns = np.concatenate([_about(_ends(starts(log)), log.time * readings.clock)[pick]
                             for log, pick in zip(readings.logs, readings.picks)])
     turns |= np.concatenate([study.left_out(log.name, seconds)[pick] for log, seconds, pick in zip(
         readings.logs, readings.times, readings.picks)])
@@ -177,6 +133,12 @@ def _left_out(study, names, spans):
         else:
             wanted.append([*file, first, last])
     return f"[data]\nleave_out = [{', '.join(map(to_toml, wanted))}]"
+
+
+def _ends(mask):
+    """A mask with the first and the last sample, where slopes are of one side."""
+    mask[[0, -1]] = True
+    return mask
 
 
 def _about(mask, time):

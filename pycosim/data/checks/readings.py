@@ -84,6 +84,24 @@ class Readings:
         fewer.picks, fewer._taken = [_pairs(t.size, fewer.step) for t in self.times], {}
         return fewer
 
+    def only(self, kept):
+        """The same readings at some of the samples, slopes shared.
+
+        Parameters
+        ----------
+        kept : ndarray of bool, shape (samples,)
+            Samples that stay.
+
+        Returns
+        -------
+        Readings
+        """
+        fewer = object.__new__(Readings)
+        fewer.__dict__.update(self.__dict__)
+        ends = np.cumsum([p.size for p in self.picks])[:-1]
+        fewer.picks, fewer._taken = [p[k] for p, k in zip(self.picks, np.split(kept, ends))], {}
+        return fewer
+
     @property
     def time(self):
         """Times of the samples [s], run after run."""

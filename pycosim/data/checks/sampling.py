@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...core.units import UNITS
 from ...study.schema import Column
 from .finding import Finding, column_line
 
@@ -94,18 +95,17 @@ def clock(study, logs, model):
                 if n.endswith(".w")), default=0.0)
     if not fastest:
         return [], 1.0
-    for unit, factor in (("ms", 1e-3), ("us", 1e-6)):
+    name, known = study.time_column, study.columns.get(study.time_column, Column("time", "s"))
+    said = "s" if study.rate is not None else known.unit
+    for unit in (u for u in ("s", "ms", "us", "ns") if u != said):
+        factor = UNITS[unit][1] / UNITS[said][1]
         agrees = told and 0.5 < fastest / factor / told < 2.0
         slow = step > _SLOWEST and fastest < _STILL and 1e-5 <= step * factor <= 0.2
         if agrees or (slow and not told and fastest / factor < 1e3):
-            name = study.time_column
-            mend = f'{name} = {{ variable = "time", unit = "{unit}" }}'
-            known = study.columns.get(name)
-            if known is not None:
-                mend = column_line(name, replace(known, unit=unit))
+            mend = column_line(name, replace(known, unit=unit))
             if study.rate is not None:
                 name, mend = f"[data] rate, {study.rate:g},", f"[data]\nrate = {study.rate / factor:.6g}"
-            text = (f"{name} is in {unit}, not in s: a sample every {step:.4g} s and a fastest motion of "
+            text = (f"{name} is in {unit}, not in {said}: a sample every {step:.4g} s and a fastest motion of "
                     f"{fastest:.3g} rad/s become {1 / (step * factor):.4g} Hz and {fastest / factor:.3g} rad/s")
             named = [name] if study.rate is None else []
             return [Finding("unit", text, named, 0.999 if agrees else 0.98, mend=mend)], factor

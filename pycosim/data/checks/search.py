@@ -14,18 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...study.schema import known_unit
-from .changes import Columns, in_unit, roles, signs_and_swaps, snapped, unit_changes
+from .asking import weight
+from .changes import Columns, in_unit, listed, roles, signs_and_swaps, snapped, unit_changes
 from .finding import Finding
 from .readings import Source, with_change
 from .relations import RateRelation
+from .zeros import turned
 
 BAD = 0.05
 """Relative error from which a relation is looked into at all; a tenth of the largest hidden effects' and less."""
+CLOSE = 0.015
+"""The same of what the load weighs, where the study says that its reference was computed so: none of it is measured."""
 LEAST = 3.0
 """Factor by which the error of some channel must fall: hidden effects of the largest size are undone by no change of
 sign, place or unit, and the factor by which one may happen to lower them stays below 1.5."""
 SOUND = 0.35
 """Relative error that may be left: that of a sound fit, or of one that lacks a large effect."""
+UNLIKE = 0.9
+"""Relative error from which a channel hardly follows from the columns that it is told from."""
 _FLOOR = 0.01  # relative error below which less is no better
 _WORSE = 1.3  # factor by which another channel may get worse
 _MOST = 4  # mistakes in one log
@@ -34,6 +40,7 @@ _PRIOR = math.log(100.0)  # a log as given is that much likelier to be right tha
 _GAINED = 0.02  # relative error, noise apart, from which a gain is looked for
 _GAIN = 1.5  # factor by which it must lower it
 _FACTOR = 0.3  # relative error from which a torque may be off by a factor outside the next
+_SAME = 0.2  # logarithm within which two factors are one
 _PLAUSIBLE = 0.5, 2.0  # factors of a torque that a wrong torque constant may have
 
 
@@ -52,7 +59,7 @@ class State:
         -------
         float
         """
-        return sum(math.log(max(e, _FLOOR)) for a in self.holds.values() for e in a.relative.values())
+        return sum(map(_cost, self.holds.values()))
 
     def smooth_cost(self):
         """The same of the errors that are no noise.
@@ -93,11 +100,13 @@ class Search:
     """
 
     def __init__(self, study, model, readings, sources, relations, steps):
-        self.readings, self.relations, self.steps = readings, relations, steps
+        self.readings, self.relations, self.steps, self.model = readings, relations, steps, model
         self.columns = Columns(study, readings.names)
         self.group = roles(readings.names, relations)
         self.ratios = {n: p.value for n, p in model.parameters.items()
                        if p.unit == "1" and n.rsplit(".")[-1] in ("ratio", "t_r", "gear_ratio", "N") and p.value > 1.5}
+        self.bad = [CLOSE if study.reference == "gravity_model" and getattr(r, "name", "") == "weight" else BAD
+                    for r in relations]
         self.given = State(sources, self._hold(sources), [])
 
     def _hold(self, sources, known=None, changed=None):
@@ -119,7 +128,7 @@ class Search:
             For each mistake, other changes that explain as much.
         """
         state, rivals = self.given, []
-        while len(state.changes) < _MOST and state.worst() >= BAD:
+        while len(state.changes) < _MOST and self._off(state):
             tried = [self._after(state, c) for c in self.candidates(state)]
             best = min(tried, key=self._price, default=None)
             if state.worst() > _FACTOR and (best is None or best.worst() > BAD):
@@ -133,6 +142,10 @@ class Search:
             rivals.append([t for t in tried if t is not best and abs(self._price(t) - self._price(best)) < 0.5])
             state = best
         return self._decisive(state, rivals)
+
+    def _off(self, state):
+        """Relations that do not hold, by their place."""
+        return [k for k, bad in enumerate(self.bad) if max(state.holds[k].smooth.values(), default=0.0) >= bad]
 
     def _price(self, state):
         """Cost, and a little for each column that is touched: of two explanations, the smaller."""
@@ -150,9 +163,19 @@ class Search:
 
     def _decisive(self, state, rivals):
         """The state, or the log as given where the changes do not explain what is wrong."""
-        while state.changes and not decisive(self.given, state):
+        while state.changes and not (decisive(self.given, state, self.bad) and self._no_zero(state)):
             state, rivals = self._replayed(state.changes[:-1]), rivals[:-1]
         return state, rivals
+
+    def _no_zero(self, state):
+        """Whether the changes do more than zeros of the motors would: those touch nothing but what the load weighs."""
+        fallen = {k for k, old in self.given.holds.items()
+                  if any(state.holds[k].relative[c] < e / LEAST for c, e in old.relative.items() if e >= self.bad[k])}
+        told = [k for k in fallen if getattr(self.relations[k], "name", "") == "weight"]
+        if not told or len(fallen) > 1:
+            return True
+        there = turned(self.relations[told[0]], self.readings, self.given.sources, self.model, self.ratios)[0]
+        return _cost(there) > _cost(state.holds[told[0]])
 
     def _replayed(self, changes):
         state = self.given
@@ -172,8 +195,7 @@ class Search:
         -------
         list of Change
         """
-        bad = set().union(*[r.variables for k, r in enumerate(self.relations)
-                            if max(state.holds[k].smooth.values()) >= BAD] or [set()])
+        bad = set().union(*[self.relations[k].variables for k in self._off(state)] or [set()])
         group = {k: [m for m in members if m in bad] for k, members in self.group.items()}
         found = [*signs_and_swaps(self.columns, self.group),
                  *unit_changes(self.columns, self.group, self.ratios, self.steps)]
@@ -307,11 +329,23 @@ class Search:
             text = f"{change.text}: {self._told(before, then)}"
             if also:
                 text += f"; {' or '.join(c.text for c in also[:2])} would do as well"
+            text += self._or_references(change, state)
             found.append(Finding(change.kind, text, [self.columns.of(v) for v in change.sources],
                                  certainty(self.given, state, len(also)), before, then,
                                  after.lines(self.columns, change.variables)))
             done = there
         return found, state
+
+    def _or_references(self, change, state):
+        """What a factor of the motors' torques may be instead: the load seems that much lighter than the rig's."""
+        currents = [e for e in change.edits if e[0] == "scale" and len(e) > 4 and e[4] is not None]
+        place = next((k for k, r in enumerate(self.relations) if getattr(r, "name", "") == "weight"), None)
+        lighter = weight(self.relations[place], state.holds[place].x) if currents and place is not None else None
+        if lighter is None or abs(math.log(max(lighter, 1e-9) / currents[0][2])) > _SAME:
+            return ""
+        names = [self.columns.of(c) for c in self.relations[place].channels]
+        return (f"; or {listed(names)} are {lighter:.3g} times what they are called, for the load seems that much "
+                "lighter than the rig's: mend those instead")
 
     def _errors(self, state, told):
         """Errors of some channels, as given and with all mistakes undone, each in the relation that shows it best."""
@@ -331,13 +365,20 @@ class Search:
                          if c in after)
 
 
-def decisive(before, after):
+def _cost(agreement):
+    """Sum of the logarithms of the relative errors of a relation."""
+    return sum(math.log(max(e, _FLOOR)) for e in agreement.relative.values())
+
+
+def decisive(before, after, bad):
     """Whether changes explain what was wrong: some errors fall by a large factor, to a sound level.
 
     Parameters
     ----------
     before, after : State
         With some mistakes undone, and with one more.
+    bad : list of float
+        Relative error of each relation that a sound log does not reach.
 
     Returns
     -------
@@ -345,9 +386,11 @@ def decisive(before, after):
     """
     fallen = False
     for k, old in before.holds.items():
+        if max(after.holds[k].relative.values(), default=0.0) > UNLIKE:
+            continue  # what bends to a channel that follows from nothing tells of no other
         for channel, e in old.relative.items():
             new = after.holds[k].relative[channel]
-            if e >= BAD and new <= min(e / LEAST, SOUND):
+            if e >= bad[k] and new <= min(e / LEAST, SOUND):
                 fallen = True
     return fallen
 

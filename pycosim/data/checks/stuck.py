@@ -10,11 +10,17 @@ from .finding import Finding
 from .readings import Source
 from .relations import SLOW
 
+_HELD = 0.7  # a motor that is held throughout is told, and stops nothing: it may have been
 _SECONDS, _SAMPLES = 0.3, 30
 """A stretch of equal readings that is looked at lasts that long at least."""
 _LONGER = 8.0
 """Times the usual length of equal readings, while moving: coarse steps make stretches of equal readings too."""
 _AS_WELL = 1.2  # of the usual scatter about the relation, that a column which stays may have
+_LONG, _LEFT = 0.05, 0.03
+"""Part of the log from which an angle that stays is held against the rest alone, and relative error that says no."""
+_JUMP = 10.0
+"""Usual changes between samples by which a column leaps to a value far from its last: what is cut off gets there."""
+_FEW = 2000  # samples of such a fit
 _REST = 0.1  # of the log that must be left for a mend
 _TIMES = 4.0
 """Factor by which the column disagrees with the others more within the stretch than elsewhere."""
@@ -74,9 +80,12 @@ def stuck(readings, sources, columns, group, holds):
             long = spans[(length >= _SAMPLES) & (time[spans[:, 1]] - time[spans[:, 0]] >= _SECONDS)]
             moves = motion[here]
             bad = [(a, b) for a, b in long if _contradicted(name, a, b, begin[k], moves, length, spans, group, holds,
-                                                           readings, values)]
+                                                           readings, sources, values)]
             if bad:
                 found.append(_finding(readings, columns, name, k, bad, time, values))
+            elif len(spans) == 1 and name in group["angles"] and moves.any():
+                text = f"{columns.of(name)} keeps the value {values[0]:.6g} throughout, while others move"
+                found.append(Finding("stuck", text, [columns.of(name)], _HELD))
     return found
 
 
@@ -105,10 +114,11 @@ def moved(readings, sources, group):
         np.zeros(readings.time.size, bool)], axis=0)
 
 
-def _contradicted(name, a, b, begin, moves, length, spans, group, holds, readings, values):
+def _contradicted(name, a, b, begin, moves, length, spans, group, holds, readings, sources, values):
     """Whether other columns say that the value did not stay."""
     inside = slice(begin + a, begin + b + 1)
-    if len(spans) > 1 and values[a] in (values.min(), values.max()) and name not in group["angles"] + group["speeds"]:
+    if (len(spans) > 1 and values[a] in (values.min(), values.max()) and name not in group["angles"] + group["speeds"]
+            and not _leapt(values, a, b)):
         return False  # cut off there, which is said as such
     if np.mean(moves[a:b + 1]) < 0.5 or np.count_nonzero(moves[a:b + 1]) < _SAMPLES:
         return False
@@ -123,6 +133,32 @@ def _contradicted(name, a, b, begin, moves, length, spans, group, holds, reading
         e, usual = np.sqrt(np.mean(r[within] ** 2)), 1.4826 * np.median(np.abs(r[outside]))
         if e > _TIMES * max(usual, 1e-12) and e > 0.2 * hold.spread[channel]:
             return True
+    return name in group["angles"] and _apart(name, inside, holds, readings, sources)
+
+
+def _leapt(values, a, b):
+    """Whether a column leaps to the value at which it stays, and away from it."""
+    usual = np.median(np.abs(np.diff(values)))
+    ends = [abs(values[k] - values[a]) for k in (a - 1, b + 1) if 0 <= k < values.size]
+    return bool(ends) and min(ends) > _JUMP * usual > 0
+
+
+def _apart(name, inside, holds, readings, sources):
+    """Whether relations that hold at rest, fitted without a stretch, say that an angle moved in it."""
+    kept = np.ones(readings.time.size, bool)
+    kept[inside] = False
+    if not _LONG < 1 - kept.mean() < 1 - _LONG:
+        return False
+    few = readings.only(kept & (np.arange(kept.size) % max(1, kept.size // _FEW) == 0))
+    for relation, hold in ((r, h) for r, h in holds if getattr(r, "always", False) and name in r.variables):
+        if relation.level:
+            continue
+        x = relation.hold(few, sources, hold.x).x
+        residual = relation.measured(readings, sources) - relation.predict(readings, sources, x)
+        for channel, r in zip(relation.channels, residual):
+            within, usual = (float(np.sqrt(np.mean(r[part] ** 2))) for part in (~kept, kept))
+            if within > max(_TIMES * usual, _LEFT * hold.spread[channel]):
+                return True
     return False
 
 

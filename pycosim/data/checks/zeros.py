@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -14,6 +15,8 @@ _VISIBLE = 0.0035
 _STEPS = 3.0  # of the readings
 _BETTER = 1.5  # factor by which the weight must be told better with another zero
 _ALIKE = 2.0  # factor within which the motors and the weight must agree on the offset of a reference
+_FAR = 0.05  # relative error from which a motor may have been switched on anywhere
+_ROUND, _TURNED = 8, 2  # starts round the turn of a joint, and zeros that are looked for all round
 _LOWERED = 1.05  # factor by which what the study compares must be told better with another zero of a motor
 
 
@@ -110,7 +113,56 @@ def _offsets(relation, readings, sources, hold):
     return dict(zip(relation.channels, relation.offsets))
 
 
-def motor_zeros(readings, sources, relations, k, holds, columns, zeros):
+def _of_motors(relation, model):
+    """Parameter by the angle of the motor whose zero it is."""
+    zeros = {f"{c}.phi": f"{c}.zero" for c in model.components("signal")}
+    return {a: p for a, p in zeros.items() if p in relation.names}
+
+
+def turned(relation, readings, sources, model, ratios, far=True):
+    """What the load weighs, with the zeros of the motors where it is told best, however far off.
+
+    An encoder that counts from where it was switched on may be off by any angle. The weight goes round with the joint,
+    so that starts all round its turn find the nearest zero.
+
+    Parameters
+    ----------
+    relation : ModelRelation
+        Of the weight of the load.
+    readings : Readings
+        At few enough samples to fit the model anew from each start.
+    sources : dict of str to Source
+        How each variable is read.
+    model : Model
+        The rig; its signals have the zeros.
+    ratios : dict of str to float
+        Gear ratios of the model, by parameter.
+    far : bool
+        Whether they may be far off.
+
+    Returns
+    -------
+    agreement : Agreement
+    values : dict of str to float
+        Zero [rad] by the motor's angle, from the study's one; empty where the rig has no such zeros.
+    """
+    zeros = _of_motors(relation, model)
+    freed = relation.freed(list(zeros.values()))
+    at = [freed.free.index(p) for p in zeros.values()]
+    given = freed.given[freed.at]
+    turn = 2 * math.pi * max(ratios.values(), default=1.0)
+    freed.low[at], freed.high[at] = given[at] - turn, given[at] + turn
+    found = []
+    around = np.arange(_ROUND) / _ROUND - 0.5 if far else (0.0,)
+    for steps in itertools.product(around, repeat=min(len(at), _TURNED)):
+        start = given.copy()
+        start[at[:len(steps)]] += turn * np.array(steps)
+        found.append(freed.hold(readings, sources, start))
+    best = min(found, key=lambda a: sum(a.relative.values()))
+    return best, {a: float(best.x[k] - given[k]) for a, k in zip(zeros, at)}
+
+
+def motor_zeros(readings, sources, relations, k, holds, columns, model, ratios):
     """Motor angles whose zero the weight of the load shows.
 
     Where the mend changes nothing of what the study compares, it is a question without one.
@@ -129,27 +181,27 @@ def motor_zeros(readings, sources, relations, k, holds, columns, zeros):
         How well each relation holds with the zeros as the study has them.
     columns : Columns
         Name the columns of the variables in the findings.
-    zeros : dict of str to str
-        Parameter by the angle whose zero it is.
+    model : Model
+        The rig; its signals have the zeros.
+    ratios : dict of str to float
+        Gear ratios of the model, by parameter.
 
     Returns
     -------
     list of Finding
     """
     relation, hold = relations[k], holds[k]
-    zeros = {a: p for a, p in zeros.items() if p in relation.names}
-    if not zeros or columns is None:
+    zeros = _of_motors(relation, model)
+    if not zeros or max(hold.relative.values()) < 0.01:
         return []
-    freed = relation.freed(list(zeros.values()))
-    there = freed.hold(readings, sources)
+    there, moved = turned(relation, readings, sources, model, ratios, max(hold.relative.values()) > _FAR)
     ratio = max(hold.relative[c] / max(there.relative[c], 1e-9) for c in hold.relative)
-    if ratio < _BETTER or max(hold.relative.values()) < 0.01:
+    if ratio < _BETTER:
         return []
     found, compared = [], _compared(relations)
-    values = {p: there.x[freed.free.index(p)] for p in zeros.values()}
+    values = {p: moved[a] + relation.given[relation.names.index(p)] for a, p in zeros.items()}
     helps = compared is None or _lowered(relations[compared], readings, sources, holds[compared], values)
-    for angle, parameter in zeros.items():
-        value = float(there.x[freed.free.index(parameter)] - relation.given[relation.names.index(parameter)])
+    for angle, value in moved.items():
         column = columns.column(angle)
         if abs(value) < _VISIBLE or column is None:
             continue
