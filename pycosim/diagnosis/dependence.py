@@ -298,6 +298,10 @@ class _Given:
         own = [k for k, friction in enumerate(self.frictions) if friction]
         return own if name == "time" and own and not self.dataset.paired else range(len(self.waves))
 
+    def may_last(self, name):
+        """Whether slow noise, which goes on from block to block, would show in what tells of a variable."""
+        return name == "time" and (self.dataset.paired or not any(self.frictions))
+
     def by_chance(self, drives, energy, share):
         """Part of the flips of the blocks' signs in which some wave and variable takes as much of the energy."""
         count, folds = self.label.max() + 1, self.fold.max() + 1
@@ -306,9 +310,9 @@ class _Given:
         signs = np.random.default_rng(count).choice((-1.0, 1.0), (FLIPS, count))
         most = np.zeros(FLIPS)
         for name, bins in ((n, b) for n, every in self.bins.items() for b in every):
-            if name != "time":  # slow noise is a function of it, and goes on from block to block
+            if not self.may_last(name):
                 k = bins.max() + 1
-                for xy, xx in drives:
+                for xy, xx in (drives[i] for i in self.telling(name)):
                     own = np.bincount(self.label * k + bins, xy, count * k).reshape(count, k)
                     squares = np.bincount(self.fold * k + bins, xx, folds * k).reshape(folds, k)
                     sums = np.stack([signs[:, fold == f] @ own[fold == f] for f in range(folds)], 1)
@@ -362,7 +366,7 @@ def _dependence(given, chosen, whole=False):
             share = min(share, beyond)
         found.append({"variable": name, "strength": max(0.0, float(share))})
         sure |= errors > ALARM and share > RELEVANT
-        mild = max(mild, share) if name != "time" else mild
+        mild = mild if given.may_last(name) else max(mild, share)
         most = max(most, (share, (k, bins)), key=lambda m: m[0])
     if not sure and mild > SHARE:
         sure = given.by_chance(drives, energy, mild) <= RARE

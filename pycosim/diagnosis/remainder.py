@@ -26,7 +26,7 @@ TELLING, CALMEST = 100, 0.2
 """Samples of a run that tell its own size, and the least of it, over that of all runs."""
 HELD_OUT = "the held-out part"
 WANDERS = "something that is slower than noise"
-SLOW, DRIFTS, VISIBLE = 2.0, 9.0, 0.01
+SLOW, DRIFTS, VISIBLE = 2.0, 4.0, 0.01
 """Squared error of a torque over that of its noise floor, and error over the torque, from which what is left is more
 than slow noise, which goes on through a turn where friction changes its sign; and from which that does not matter: so
 much is a reference that drifts. Seventeen worlds with nothing hidden reach 1.2, slow noise as large as the fast 2.6,

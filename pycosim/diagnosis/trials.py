@@ -497,9 +497,9 @@ def _told_from_nothing(dataset, model, finding, smaller, without):
     or a drift whose time is longer than the log, is known to differ from nothing long before its size is known. Where
     the model is straight, both say the same. The interval of a delay is that of its likelihood, and says it itself.
     """
-    if finding.fit.profiles:
-        return finding.fit
     base = component_name(*model.attached[-1])
+    if any(f"{base}.{n}" in finding.fit.profiles for n in finding.sizes):
+        return finding.fit
 
     def squares(m, f):
         problem = dataset.residuals(m, f.free, f.parameters, "fit")
