@@ -29,7 +29,7 @@ _ALONE = 3.0
 """Factor by which a drift of one column of several of its kind must lower an error: they come from one device mostly,
 and friction at one of two motors may look like it."""
 _FELL = 1.1
-"""Factor by which a drift must lower some channel's error: what a filter held back looked like one that fell by 1.06."""
+"""Factor by which a drift must lower some channel's error: what a filter held back looked like one, at 1.06."""
 _ALL, _FALLS = 0.5, 1.02
 """Of the most that a drift changes in any channel, that it changes in one whose error must fall too, and the least
 factor. Of drifts in twelve logs each channel's fell by 1.17 to 7; a preload that looked like one raised one."""
@@ -334,7 +334,9 @@ class Timing:
         falls, likelihood, *_ = self._worth(holds)
         most = abs(drift) * self.length
         alone = len(names) == 1 and any(names[0] in members and len(members) > 1 for members in self.group.values())
-        if falls < (_ALONE if alone else _FELL) or likelihood < _SURE or most < _APART or self._ageing(holds) < math.log(_AGED):
+        if falls < (_ALONE if alone else _FELL) or likelihood < _SURE or most < _APART:
+            return False
+        if self._ageing(holds) < math.log(_AGED):
             return False
         if not self._everywhere(names, drift, holds):
             return False
