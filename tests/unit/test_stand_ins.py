@@ -104,6 +104,12 @@ def test_slow_noise_of_a_sensor_is_no_law_of_time_and_friction_that_ebbs_is_one(
     assert sum(_of_time(lambda t: 0.7 * np.sin(t / 6), seed) for seed in range(20)) >= 18
 
 
+def test_friction_that_switches_once_is_seen_and_the_slow_noise_of_few_blocks_is_not():
+    few = {"count": 2800, "memory": 8.0}
+    assert sum(_of_time(lambda t: 0.0 * t, seed, **few) for seed in range(60)) <= binom.ppf(0.999, 60, 0.01)
+    assert sum(_of_time(lambda t: 2.0 * (t > 18) - 0.7, seed, **few) for seed in range(20)) >= 15
+
+
 FOLLOWS = {"theta": 1.0}
 
 
