@@ -159,7 +159,7 @@ REFUSED = {
     "dead torque": (frame(C_H=0.0), ["'C_H'", "exactly zero"]),
     "no motion": (frame().assign(theta1=1.0), ["nothing moves", "theta1"]),
     "column without numbers": (frame(C_H=np.nan), ["'C_H'", "no number at all"]),
-    "microseconds": (frame().assign(time=np.arange(40) * 1e4), ["every 1e+04 s", "must be in s", 'unit = "ms"']),
+    "microseconds": (frame().assign(time=np.arange(40) * 1e4), ["every 1e+04 s", "must be in s", 'unit = "us"']),
     "too fast": (frame().assign(time=np.arange(40) * 1e-9), ["every 1e-09 s"]),
     "speed in rpm": (frame(omega1=3 * np.cos(3 * frame().time) * 9.5493),
                      ["'theta1'", "'omega1'", "0.105 times", "units"]),

@@ -169,14 +169,14 @@ def test_every_answer_takes_a_question_away_until_a_study_is_there(models):
     assert log.time[1] == pytest.approx(0.15)
 
 
-@pytest.mark.parametrize("step, unit", [(0.002, "s"), (2, "ms"), (0.05, "s"), (500, "us"), (20, "ms"), (0.15, None),
+@pytest.mark.parametrize("step, unit", [(0.002, "s"), (2, "ms"), (0.05, "s"), (500, "us"), (20, "ms"), (1e7, "ns"), (0.15, None),
                                         (150, None)])
 def test_an_interval_tells_the_unit_of_time_where_one_alone_is_plausible(step, unit, models):
     write(text(bare(time=np.arange(300) * step)))
     proposal = propose(sampled("log.csv"), models[JOINT], Given(si=True))
     asked = [q for q in proposal.questions if q.about == ("time",)]
     if unit is None:
-        assert asked and asked[0].answers == ("s", "ms", "us")
+        assert asked and asked[0].answers == ("s", "ms", "us", "ns")
     else:
         assert not asked and (proposal.columns["time"].unit if "time" in proposal.columns else "s") == unit
         assert any(n.startswith("'time' states no unit; its steps of") for n in proposal.notes)
