@@ -169,8 +169,8 @@ def test_every_answer_takes_a_question_away_until_a_study_is_there(models):
     assert log.time[1] == pytest.approx(0.15)
 
 
-@pytest.mark.parametrize("step, unit", [(0.002, "s"), (2, "ms"), (0.05, "s"), (500, "us"), (20, "ms"), (1e7, "ns"), (0.15, None),
-                                        (150, None)])
+@pytest.mark.parametrize("step, unit", [(0.002, "s"), (2, "ms"), (0.05, "s"), (500, "us"), (20, "ms"), (1e7, "ns"),
+                                        (0.15, None), (150, None)])
 def test_an_interval_tells_the_unit_of_time_where_one_alone_is_plausible(step, unit, models):
     write(text(bare(time=np.arange(300) * step)))
     proposal = propose(sampled("log.csv"), models[JOINT], Given(si=True))
