@@ -39,12 +39,12 @@ def made(tmp_path_factory):
     return make
 
 
-def study(folder, path, truth, free, noise=0.01, name="bench"):
+def study(folder, path, truth, free, noise=0.01, name="bench", seed=1):
     """A study whose log an FMU with other parameters made."""
     fmu = ForeignFmu(path)
     y = fmu.run(truth, TIME, {"u": INPUT}, ["y"])[0]
     fmu.close()
-    y = y + noise * np.random.default_rng(1).standard_normal(len(TIME))
+    y = y + noise * np.random.default_rng(seed).standard_normal(len(TIME))
     log = folder / f"{name}.csv"
     np.savetxt(log, np.c_[TIME, INPUT, y], delimiter=",", header="time,force,place", comments="")
     return Study(folder / f"{name}.toml", "FMU", runs=[log],
@@ -125,7 +125,7 @@ def calibrated(made, tmp_path_factory):
     folder = tmp_path_factory.mktemp("door")
     path, other = made("spring", 2, "cs", False), folder / "other"
     other.mkdir()
-    held_out = study(other, made("spring", 2, "cs", False), TRUTH, [], name="held").runs
+    held_out = study(other, made("spring", 2, "cs", False), TRUTH, [], name="held", seed=2).runs
     given = replace(study(folder, path, TRUTH, []), held_out=held_out)
     return pc.calibrate(path, given), given, path
 
