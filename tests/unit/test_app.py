@@ -69,6 +69,7 @@ def test_the_given_study_is_never_written_over(study):
         bench.save()
 
 
+@pytest.mark.long
 def test_an_effect_of_one_s_own_joins_the_candidates_and_a_slip_in_it_is_told(study, tmp_path):
     bench = Workbench(tmp_path / "app")
     bench.open(study)

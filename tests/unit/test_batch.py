@@ -59,6 +59,7 @@ def test_every_study_is_a_row_and_one_that_fails_too(studies, tmp_path, where):
     assert told[-1] == "3 of 3 studies done, 1 failed"
 
 
+@pytest.mark.long
 def test_a_study_is_improved_as_the_verb_does(hidden, tmp_path):
     row = batch.improve_one(str(hidden / "study.toml"), str(tmp_path / "out"), bare=True)
     assert (row["failure"], row["verdict"], row["added"]) == ("", "nothing_missing", "stribeck@2A")
@@ -215,7 +216,7 @@ def test_what_is_not_asked_for_is_not_done():
     assert done == [1]
 
 
-@pytest.mark.parametrize("where", ["threads", "processes"])
+@pytest.mark.parametrize("where", [pytest.param("threads", marks=pytest.mark.long), "processes"])
 def test_a_diagnosis_is_the_same_wherever_its_fits_are_computed(hidden, where):
     def told():
         return pc.open(hidden / "study.toml").diagnose().candidates.to_frame().to_csv()

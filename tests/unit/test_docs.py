@@ -23,7 +23,7 @@ EXAMPLES = [(page, k, code) for page in PAGES
 
 
 @pytest.mark.parametrize("page, number, code", [
-    pytest.param(p, k, code, id=f"{p.stem}-{k}", marks=[] if p.stem in ("README", "python") else pytest.mark.long)
+    pytest.param(p, k, code, id=f"{p.stem}-{k}", marks=[] if p.stem == "README" else pytest.mark.long)
     for p, k, code in EXAMPLES])
 def test_example_runs(page, number, code, hidden, tmp_path, monkeypatch, capsys):
     for name in ("study.toml", "run.csv"):

@@ -90,6 +90,7 @@ class Stages:
         self.heard.append(f"early: {text}")
 
 
+@pytest.mark.long
 def test_a_project_tells_it_before_the_check_and_a_diagnosis_of_the_same_fit_does_not_again(hidden):
     say = Stages()
     project = open_project(hidden / "study.toml", progress=say)
@@ -107,6 +108,7 @@ def test_a_project_tells_it_before_the_check_and_a_diagnosis_of_the_same_fit_doe
     assert say.heard[-1] == "early: of another model"
 
 
+@pytest.mark.long
 def test_the_app_keeps_it_but_not_of_a_log_that_is_mixed_up(hidden, tmp_path):
     bench, job = Workbench(tmp_path), Job("open")
     bench.open(hidden / "study.toml", progress=job)

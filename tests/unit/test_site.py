@@ -11,6 +11,7 @@ import pytest
 from pycosim.cli.parser import VERBS
 from pycosim.compile import Library, catalogue, compile_model
 
+pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[2]
 
 
