@@ -118,16 +118,18 @@ class Dataset:
         self.clock, self._records = Clock(self.time, self.run), {}
         self.left_out = np.concatenate([self.study.left_out(log.name, log.time) for log in self.logs])
         shared = set.intersection(*[set(log.signals) for log in self.logs])
-        self.measured = {v: np.concatenate([self._recorded(log, v) for log in self.logs]) for v in sorted(shared)}
+        recorded = [self._recorded(log) for log in self.logs]
+        self.measured = {v: np.concatenate([signals[v] for signals in recorded]) for v in sorted(shared)}
         self.labels = (np.concatenate([log.labels for log in self.logs])
                        if all(log.labels is not None for log in self.logs) else None)
 
-    def _recorded(self, log, variable):
-        """A signal of a log: where the study is robust, or leaves samples out, motion is bridged over its outliers."""
+    def _recorded(self, log):
+        """Signals of a log: where the study is robust, or leaves samples out, motion is bridged over its outliers."""
         left_out = self.study.left_out(log.name, log.time)
-        if not variable.endswith(MOTION) or not (self.study.robust or left_out.any()):
-            return log.signals[variable]
-        return mended(log.signals[variable], starts(log), None if self.study.robust else left_out)
+        if not (self.study.robust or left_out.any()):
+            return log.signals
+        turns, where = starts(log), None if self.study.robust else left_out
+        return {n: mended(v, turns, where) if n.endswith(MOTION) else v for n, v in log.signals.items()}
 
     def memo(self, key, make):
         """Return ``make()``, computed once a key and kept as long as this object.

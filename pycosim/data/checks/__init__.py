@@ -139,7 +139,7 @@ class _Relations:
             sound = [(r, h) for r, h in holds
                      if not getattr(r, "always", False) or max(h.relative.values()) < BAD]
             found += shocks(self.whole, self.columns, sound, self.study)
-        found += self._zeros(state, whole)
+        found += self._zeros(state)
         if not any(f.kind in ("shift", "clock", "filtered", "stuck", "clipped", "zero") for f in found):
             found += self.search.gains(state)
         if not any(f.kind in DISCRETE for f in found):
@@ -172,7 +172,7 @@ class _Relations:
             return []
         some = self.whole.thinned(_SOME)
         holds = {k: r.hold(some, state.sources, state.holds[k].x) for k, r in enumerate(self.relations)}
-        telling = [k for k, h in holds.items() if max(h.relative.values()) < UNLIKE]  # no other says when
+        telling = [k for k, h in holds.items() if max(h.relative.values()) < UNLIKE]
         found = Timing(some, state.sources, [self.relations[k] for k in telling],
                        {n: holds[k] for n, k in enumerate(telling)}, self.columns, self.group,
                        self.whole.thinned(_DENSE)).findings()
@@ -184,7 +184,7 @@ class _Relations:
                 found = [f for f in found if f.kind != "shift"] + slow
         return found
 
-    def _zeros(self, state, whole):
+    def _zeros(self, state):
         found = encoder_zeros(self.few, state.sources, self.relations, self.columns)
         offsets = reference_offsets(self.few, state.sources, self.relations, state.holds, self.columns)
         weight = next((k for k, r in enumerate(self.relations) if getattr(r, "name", "") == "weight"), None)

@@ -261,21 +261,22 @@ def unit_changes(columns, group, ratios, steps):
     list of Change
     """
     found = _both_units(columns, group)
-    forces = (*group["torques"], *group["references"])  # from one program that writes all of them alike
-    for members in (*group.values(), forces):
-        for chosen in [(m,) for m in members if members is not forces] + ([tuple(members)] if len(members) > 1 else []):
-            column = columns.column(chosen[0])
-            if column is None or any(columns.column(m) is None or columns.column(m).unit != column.unit
-                                     for m in chosen):
-                continue
-            if column.k_m is None:
-                dimension, factor = known_unit(column.unit)
-                found += [in_unit(columns, chosen, unit, units.UNITS[unit][1] / factor)
-                          for unit in _ALSO.get(dimension, ()) if unit != column.unit]
-            if column.dimension in ("rad", "rad/s"):
-                found += _geared(columns, chosen, ratios)
-            if column.dimension == "rad" and all(steps.get(m) == 1.0 for m in chosen):
-                found += [counted(columns, chosen, n) for n in COUNTS]
+    sets = [s for members in group.values()
+            for s in [(m,) for m in members] + ([tuple(members)] if len(members) > 1 else [])]
+    if group["torques"] and group["references"]:  # from one program that writes all of them alike
+        sets.append((*group["torques"], *group["references"]))
+    for chosen in sets:
+        column = columns.column(chosen[0])
+        if column is None or any(columns.column(m) is None or columns.column(m).unit != column.unit for m in chosen):
+            continue
+        if column.k_m is None:
+            dimension, factor = known_unit(column.unit)
+            found += [in_unit(columns, chosen, unit, units.UNITS[unit][1] / factor)
+                      for unit in _ALSO.get(dimension, ()) if unit != column.unit]
+        if column.dimension in ("rad", "rad/s"):
+            found += _geared(columns, chosen, ratios)
+        if column.dimension == "rad" and all(steps.get(m) == 1.0 for m in chosen):
+            found += [counted(columns, chosen, n) for n in COUNTS]
     return found
 
 
