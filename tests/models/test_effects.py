@@ -154,13 +154,26 @@ def gravity(q_H, q_K, m1=4.0, m2=3.2, c2=0.15):
     return np.array([(m1 * 0.20 + m2 * 0.42) * 9.80665 * np.sin(q_H) + knee, knee])
 
 
+@pytest.mark.parametrize(("effect", "place", "given", "leg"), [
+    ("reference_mass", "shank", {"m": 0.3}, {"m2": 3.5}),
+    ("reference_mass", "thigh", {"m": -0.3}, {"m1": 3.7}),
+    ("reference_centre", "shank", {"c": 0.02}, {"c2": 0.17})])
+def test_a_computed_reference_is_that_of_another_leg_in_weight_and_in_motion(effect, place, given, leg):
+    signals = {**MOVING, "der(der(motor1.phi))": 9.0, "der(der(motor2.phi))": -4.0}
+    bare = sliding([], signals)
+    right, wrong = (sliding([], signals, {f"leg.{n}": v for n, v in changed.items()}, "gravity_model")
+                    for changed in ({}, leg))
+    y = sliding([(effect, place)], signals, {f"{effect}_{place}.{n}": v for n, v in given.items()})
+    errors = [y[f"{joint}.computed"] - bare[f"{joint}.computed"] for joint in ("hip", "knee")]
+    assert errors == pytest.approx([wrong[c] - right[c] for c in ("C_H", "C_K")], abs=1e-12) and abs(errors[0]) > 0.05
+    for name in ("C_H", "C_K", "hip.sensed", "knee.sensed"):
+        assert y[name] == pytest.approx(bare[name], abs=1e-12)
+
+
 @pytest.mark.parametrize(("effect", "place", "given", "wrong"), [
-    ("reference_mass", "shank", {"m": 0.3}, lambda q: gravity(*q, m2=3.5)),
-    ("reference_mass", "thigh", {"m": -0.3}, lambda q: gravity(*q, m1=3.7)),
-    ("reference_centre", "shank", {"c": 0.02}, lambda q: gravity(*q, c2=0.17)),
     ("reference_zero", "hip", {"q0": 0.2}, lambda q: gravity(q[0] + 0.2, q[1])),
     ("reference_zero", "knee", {"q0": -0.3}, lambda q: gravity(q[0], q[1] - 0.3))])
-def test_a_computed_reference_has_the_errors_of_its_model_and_a_sensor_has_not(effect, place, given, wrong):
+def test_a_computed_reference_has_the_zeros_of_its_angles_and_a_sensor_has_not(effect, place, given, wrong):
     q = np.array([23.0, 17.0]) / 30.25
     bare = sliding([], MOVING)
     y = sliding([(effect, place)], MOVING, {f"{effect}_{place}.{n}": v for n, v in given.items()})
