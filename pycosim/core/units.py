@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from .errors import UnknownNameError, closest
 
+KGF, LBF = 9.80665, 4.4482216152605  # N, by definition
 # unit: (dimension, factor to SI). Facts of the SI brochure; degC is kept as it is, since only differences enter.
 UNITS = {
     "1": ("1", 1.0), "-": ("1", 1.0), "%": ("1", 0.01),
@@ -17,10 +18,16 @@ UNITS = {
     "N.m": ("N.m", 1.0), "mN.m": ("N.m", 1e-3), "uN.m": ("N.m", 1e-6), "kN.m": ("N.m", 1e3), "N.cm": ("N.m", 1e-2),
     "N": ("N", 1.0), "kN": ("N", 1e3), "m": ("m", 1.0), "mm": ("m", 1e-3), "m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3),
     "V": ("V", 1.0), "mV": ("V", 1e-3), "A": ("A", 1.0), "mA": ("A", 1e-3), "degC": ("degC", 1.0), "K": ("K", 1.0),
-    "kg": ("kg", 1.0), "g": ("kg", 1e-3), "kg.m2": ("kg.m2", 1.0), "W": ("W", 1.0), "Ohm": ("Ohm", 1.0),
+    "kg": ("kg", 1.0), "g": ("kg", 1e-3), "kg.m": ("kg.m", 1.0), "kg.m2": ("kg.m2", 1.0),
+    "W": ("W", 1.0), "Ohm": ("Ohm", 1.0),
+    "kgf": ("N", KGF), "lbf": ("N", LBF), "kgf.m": ("N.m", KGF), "kgf.cm": ("N.m", 0.01 * KGF),
+    "lbf.ft": ("N.m", 0.3048 * LBF), "lbf.in": ("N.m", 0.0254 * LBF), "ozf.in": ("N.m", 0.0254 * LBF / 16),
+    "kg.cm2": ("kg.m2", 1e-4), "g.cm2": ("kg.m2", 1e-7), "m/s2": ("m/s2", 1.0), "mm/s2": ("m/s2", 1e-3),
 }
 SPELLINGS = {"Nm": "N.m", "N*m": "N.m", "N m": "N.m", "mNm": "mN.m", "°": "deg", "degrees": "deg", "radians": "rad",
-             "°C": "degC", "C": "degC", "sec": "s", "r/min": "rpm", "1/min": "rpm", "": "1", "rad/s^2": "rad/s2"}
+             "°C": "degC", "C": "degC", "sec": "s", "r/min": "rpm", "1/min": "rpm", "rev/min": "rpm", "": "1",
+             "rad/s^2": "rad/s2", "kg.cm": "kgf.cm", "kgcm": "kgf.cm", "oz-in": "ozf.in", "oz.in": "ozf.in",
+             "lb-ft": "lbf.ft", "lb.ft": "lbf.ft", "lb-in": "lbf.in", "lb.in": "lbf.in", "gcm2": "g.cm2"}
 
 
 def to_si(unit, expected, where):

@@ -12,6 +12,7 @@ import pytest
 from scipy.io import savemat
 
 from pycosim.core.errors import DataError
+from pycosim.core.units import to_si
 from pycosim.data.derivatives import derivatives, resolution
 from pycosim.data.frames import Frame
 from pycosim.data.logs import load, read_log, require
@@ -665,3 +666,10 @@ def test_an_angle_that_keeps_one_value_has_no_speed():
 def test_too_few_samples_have_no_derivative():
     with pytest.raises(DataError, match="4 samples"):
         derivatives(np.arange(4.0), np.arange(4.0))
+
+
+@pytest.mark.parametrize(("unit", "si", "factor"), [
+    ("kg.cm", "N.m", 0.0980665), ("lb-ft", "N.m", 1.3558179), ("lbf.in", "N.m", 0.11298483),
+    ("oz-in", "N.m", 7.0615518e-3), ("kgf", "N", 9.80665), ("g.cm2", "kg.m2", 1e-7), ("mm/s2", "m/s2", 1e-3)])
+def test_units_of_data_sheets_are_known(unit, si, factor):
+    assert to_si(unit, si, "column 'tau'") == pytest.approx(factor, rel=1e-7)
