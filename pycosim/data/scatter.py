@@ -67,7 +67,7 @@ def noise_level(dataset, model, parameters, part="fit"):
 
 
 def driven(dataset, model, parameters, part="fit"):
-    """Which way each segment is loaded at each sample: together with its direction the branch of its friction.
+    """Whether each segment drives its load at each sample or is driven by it: the branch of its friction.
 
     Parameters
     ----------
@@ -85,12 +85,13 @@ def driven(dataset, model, parameters, part="fit"):
     ndarray of bool, shape (any, n)
         One row a segment, two where ways out and back are paired; none where no segment carries a load.
     """
-    names = [f"{c}.L" for c in dataset.base.segments]
-    loads = np.array(list(dataset.segment_signals(model, parameters, names, None, dataset.exogenous()).values()))
+    names = [f"{c}.{v}" for c in dataset.base.segments for v in ("L", "w")]
+    known = dataset.segment_signals(model, parameters, names, None, dataset.exogenous())
+    powers = np.array([known[f"{c}.L"] * known[f"{c}.w"] for c in dataset.base.segments if f"{c}.L" in known])
     picks = dataset.picks(part)
-    if not len(loads):
+    if not len(powers):
         return np.zeros((0, len(picks[0][1])), dtype=bool)
-    return np.concatenate([take(loads) > 0 for _, _, take in picks])
+    return np.concatenate([take(powers) > 0 for _, _, take in picks])
 
 
 def responses(dataset, model, parameters, names):

@@ -33,7 +33,7 @@ class Selection:
     level : ndarray, shape (channels, n)
         Noise that each sample should show, in the channels' units.
     driven : ndarray of bool, shape (any, n)
-        Which way the segments are loaded.
+        Which of the segments drive their loads.
     """
 
     channels: np.ndarray
@@ -77,8 +77,8 @@ def select(dataset, model, fit, noise, beside=None):
     thin = max(1, int(problem.n * (len(fit.free) + 1) * len(noise) * 8 / LARGEST))
     sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
     own = noise_level(dataset, model, fit.parameters), driven(dataset, model, fit.parameters)
-    whole, loaded = own if beside is None else (beside.level, beside.driven)
-    level, usual = _in_branches(*own, whole, loaded)[:, ::thin], np.median(whole, axis=1, keepdims=True)
+    whole, branch = own if beside is None else (beside.level, beside.driven)
+    level, usual = _in_branches(*own, whole, branch)[:, ::thin], np.median(whole, axis=1, keepdims=True)
     if thin > 1:
         problem, sloped = problem.thin(thin), sloped.thin(thin)
     residual = problem.residual(fit.values) * usual / level
@@ -100,21 +100,27 @@ def select(dataset, model, fit, noise, beside=None):
     if dataset.by_run:  # the blocks of a log share its conditions
         own = np.unique(dataset.blocks.run[blocks], return_inverse=True)[1]
         errors = [np.array([np.bincount(own, of_channel) for of_channel in e]) for e in errors]
-    return Selection(*errors[:2], errors[2].sum(0), whole, loaded)
+    return Selection(*errors[:2], errors[2].sum(0), whole, branch)
 
 
-def _in_branches(level, own, beside, loaded):
+def _in_branches(level, own, beside, branch):
     """The noise level of a model, in the branches of friction that another has.
 
     A model that responds less to a noisy torque leaves less noise, and is asked for that by its own level. Where the
     load is about nothing, though, one says that a segment drives and another that it is driven, and the response is
-    larger then: a model would do better by nothing but taking more of its samples for the noisy ones.
+    larger then: a model would do better by nothing but taking more of its samples for the noisy ones. There it has the
+    level that is usual for it in the other's branch.
     """
-    other = (own != loaded).any(0)
+    other = (own != branch).any(0)
     if not other.any() or other.all():
         return level
-    usual = np.median(np.log(level[:, ~other] / beside[:, ~other]), axis=1, keepdims=True)
-    return np.where(other, beside * np.exp(usual), level)
+    ratio, found = np.log(level / beside), level.copy()
+    number = np.unique(branch, axis=1, return_inverse=True)[1].ravel()
+    for k in np.unique(number[other]):
+        moved, here = other & (number == k), ~other & (number == k)
+        usual = np.median(ratio[:, here if here.any() else ~other], axis=1, keepdims=True)
+        found[:, moved] = beside[:, moved] * np.exp(usual)
+    return found
 
 
 def _cross_validate(gram, fold, low, high, hint=HINT):
