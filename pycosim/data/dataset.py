@@ -497,6 +497,28 @@ class Dataset:
                 self._views[key] = segmentation.Pairs(p.i[keep], p.j0[keep], p.j1[keep], p.weight[keep])
         return self._views[key]
 
+    def sliding(self, model):
+        """These data as far as friction slides where a model moves or filters a torque, or motion beside one.
+
+        A torque that comes late or through a filter hides that what is off after a turn is the machine's own travel:
+        its samples are compared then, and what nobody knows of them would be taken for an effect of that travel.
+
+        Parameters
+        ----------
+        model : Model
+            Of the same rig.
+
+        Returns
+        -------
+        Dataset
+            With fewer samples in its parts; this one where the model does neither, or nothing is left out.
+        """
+        if self.early is not None or self.own_travel or not self.ask(model).late:
+            return self
+        giving = self.memo("dataset.giving", lambda: turns.giving(self, {n: v.value for n, v in (
+            self.parameters.variables(self.base).items())}))
+        return self.without(giving) if 0 < np.count_nonzero(giving) < torques.SHARE * np.count_nonzero(self.moving) else self
+
     def settled(self, model, parameters):
         """These data as far as a model with a filter of a torque can tell what the torque was.
 
@@ -513,11 +535,15 @@ class Dataset:
         Returns
         -------
         Dataset
-            With fewer samples in its parts; this one where the model filters no torque, or nothing is left out.
+            Of `sliding`, with fewer samples in its parts where the model filters a torque.
         """
+        here = self.sliding(model)
         lag = 0.0 if self.early is not None else torques.lag(self.ask(model), parameters)
-        early = torques.unsettled(self, lag) if lag > 0 else None
-        return self if early is None or not early.any() else self.without(early)
+        if lag <= 0:
+            return here
+        early = torques.unsettled(self, lag)
+        early = early if here.early is None else early | here.early
+        return self.without(early) if early.any() else here
 
     def without(self, early):
         """These data with fewer samples in their parts.

@@ -255,6 +255,24 @@ def built_up(dataset, model, parameters, times=1.0):
     return states[[question.states.index(n) for n in names]]
 
 
+def giving(dataset, parameters):
+    """Moving samples at which friction still builds up over the model's own travel.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its signals and its moving samples are known.
+    parameters : dict of str to float
+        Of the base model, `travel` [rad] or [m] among them.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    miss = built_up(dataset, dataset.base, parameters) - np.sign(dataset.speeds)
+    return dataset.moving & np.any(np.abs(miss) > BUILT_UP, axis=0)
+
+
 def without_ends(dataset, moving, passes, angles):
     """Leave out the ends of a pass that smoothing makes look like motion: less than two encoder steps from rest.
 

@@ -84,7 +84,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     -------
     Diagnosis
     """
-    say, whole, dataset = progress or (lambda text: None), dataset, dataset.settled(model, fit.parameters)
+    say = progress or (lambda text: None)
+    whole, dataset = dataset.sliding(model), dataset.settled(model, fit.parameters)
     say("testing every candidate effect at every place")
     table = Table(dataset, model, fit)
     first_look.tell(say, table)
@@ -160,7 +161,7 @@ def _chosen(dataset, whole, model, fit, findings, rivals, base, steady, noise):
 
 def _against(dataset, whole, before, after, usual):
     """What speaks against an effect that was fitted to all samples, in words; None where nothing does."""
-    if whole is not dataset and _risen(whole, before, after, usual):
+    if whole.early is not dataset.early and _risen(whole, before, after, usual):
         return STARTS
     if endless(after[1]) or pressed(*after):
         return ENDLESS

@@ -36,8 +36,9 @@ as the fast; friction that ebbs, flows, or comes and goes has -0.96 to 0.24 at o
 def noise_floor(dataset, model, fit):
     """Error that no model of this kind could get below, a channel.
 
-    The smallest of the spread within a pass after removing what is smooth over it (a cubic in time), the difference
-    of repeats of the same line at the same speed, and the error itself: a few passes may tell more than all have.
+    In each run, the smallest of the spread within a pass after removing what is smooth over it (a cubic in time), the
+    difference of repeats of the same line at the same speed, and the error itself: a few passes may tell more than all
+    have. The runs' own are averaged, for one may be noisier than another, and repeat nothing.
 
     Parameters
     ----------
@@ -57,33 +58,37 @@ def noise_floor(dataset, model, fit):
         return dict.fromkeys(dataset.channels, float("nan"))
     problem = dataset.residuals(model, fit.free, fit.parameters, "all")
     residual = problem.residual(fit.values)
+    run = dataset.run[dataset.picks("all")[0][1]]
     floors = {}
     for channel, r in zip(dataset.channels, residual):
-        within = _within(r, problem)
-        between = _between(dataset, r, problem)
-        floors[channel] = float(min(v for v in (within, between, np.sqrt(np.mean(r ** 2))) if v is not None))
+        total = 0.0
+        for one in np.unique(run):
+            inside = run == one
+            own = (_within(r, problem, inside), _between(dataset, r, problem, inside), np.sqrt(np.mean(r[inside] ** 2)))
+            total += np.count_nonzero(inside) * min(v for v in own if v is not None) ** 2
+        floors[channel] = float(np.sqrt(total / len(r)))
     return floors
 
 
-def _within(residual, problem):
+def _within(residual, problem, inside):
     total, count = 0.0, 0
     for s in contiguous(problem.time, problem.group):
         n = s.stop - s.start
-        if n >= 12:
+        if n >= 12 and inside[s.start]:
             x = np.linspace(-1, 1, n)
             base = np.polynomial.legendre.legvander(x, 3)
             left = residual[s] - base @ np.linalg.lstsq(base, residual[s], rcond=None)[0]
             total, count = total + left @ left, count + n - 4
-    return np.sqrt(total / count) if count else float(np.sqrt(np.mean(residual ** 2)))
+    return np.sqrt(total / count) if count else None
 
 
-def _between(dataset, residual, problem):
+def _between(dataset, residual, problem, inside):
     """Difference of repeats: the same line, speed and direction, compared bin by bin along the line."""
-    blocks = dataset.blocks
+    blocks, own = dataset.blocks, {*np.unique(problem.block[inside]).tolist()}
     values = []
     keys = list(zip(blocks.line.tolist(), blocks.speed.tolist()))
     for key in set(keys):
-        same = [b for b, k in enumerate(keys) if k == key]
+        same = [b for b, k in enumerate(keys) if k == key and b in own]
         if len(same) < 2:
             continue
         profiles = [_profile(dataset, residual, problem, b) for b in same]

@@ -295,7 +295,8 @@ def _no_effect(dataset, model, fit):
     if any(own[kind] < least[kind] for kind in own if kind in least) or _between(dataset, model, fit):
         return BETWEEN
     travels = [fit.parameters[f"{c}.travel"] for c in place.components if f"{c}.travel" in fit.parameters]
-    return OWN if dataset.own_travel and own.get("travel", np.inf) < SIMILAR * max(travels, default=0.0) else None
+    similar = own.get("travel", np.inf) < SIMILAR * max(travels, default=0.0)
+    return OWN if similar and (dataset.own_travel or dataset.early is not None) else None
 
 
 def _between(dataset, model, fit):

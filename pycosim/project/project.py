@@ -23,7 +23,7 @@ from ..data.checks import check
 from ..data.dataset import Dataset
 from ..data.frames import Frame
 from ..data.logs import Log, load, require_units
-from ..diagnosis import search
+from ..diagnosis import search, starts
 from ..fit import least_squares
 from ..report import sentences
 from ..study.parse import load_study
@@ -288,7 +288,7 @@ class Project(Shown):
     def _fitted(self) -> Fitted:
         dataset = self.dataset
         self.say("fitting")
-        made = Fitted(self, self.model, least_squares.fit(dataset, self.model))
+        made = Fitted(self, self.model, starts.fitted(dataset, self.model, self.say))
         finish(self.say)
         return made
 
