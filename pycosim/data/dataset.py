@@ -515,9 +515,10 @@ class Dataset:
         """
         if self.early is not None or self.own_travel or not self.ask(model).late:
             return self
-        giving = self.memo("dataset.giving", lambda: turns.giving(self, {n: v.value for n, v in (
-            self.parameters.variables(self.base).items())}))
-        return self.without(giving) if 0 < np.count_nonzero(giving) < torques.SHARE * np.count_nonzero(self.moving) else self
+        values = {n: v.value for n, v in self.parameters.variables(self.base).items()}
+        giving = self.memo("dataset.giving", lambda: turns.giving(self, values))
+        many = np.count_nonzero(giving) >= torques.SHARE * np.count_nonzero(self.moving)
+        return self if many or not giving.any() else self.without(giving)
 
     def settled(self, model, parameters):
         """These data as far as a model with a filter of a torque can tell what the torque was.

@@ -15,6 +15,7 @@ from ..dynamics.states import propagate
 from . import segmentation
 from .derivatives import resolution
 from .noise import contiguous
+from .spikes import mended, starts
 
 BUILT_UP = 0.02  # of a segment's friction, that may still have to build up where it counts as sliding
 LONGER = 5.0  # times the model's own travel, within which a turn is looked at
@@ -30,6 +31,7 @@ more may be left. Of eight machines with a travel everywhere that was at most 0.
 at two 37 to 388."""
 TIMES, LATE, LAGS = (0.25, 0.6, 1.6, LONGER, 3 * LONGER), (1, 2, 3, 4, 6, 8, 12, 16), (2, 4, 8)
 """Travels, over the model's own, delays and time constants of filters [samples] that it is compared with."""
+SPIKE, FEWEST = 10.0, 0.05  # standard deviations off, from which a sample is a spike, and of how many at most
 SEEN = 2.0  # times the squared noise, from which something is off at all
 OFF, TRIMMED, FEW, EACH = 10.0, 0.1, 4, 2
 """Times the squared noise, from which slow samples are off, in the mean of the ends of passes without the least and the
@@ -72,7 +74,7 @@ def building_up(miss, longer, moving, passes, time, errors, columns, others=()):
         usual = errors[:, index[beyond]]
         some = index[:beyond[0]][near[index[:beyond[0]]]]
         at.append(some)
-        off.append(errors[:, some] - usual.mean(axis=1, keepdims=True))
+        off.append(errors[:, some] - _mean(usual))
         noise.append(np.tile(np.var(np.diff(usual, axis=1), axis=1)[:, None] / 2 * (1 + 1 / AFTER), (1, len(some))))
     nothing = np.zeros(len(time), dtype=bool)
     if not at or not own[np.concatenate(at)].any():
@@ -84,6 +86,13 @@ def building_up(miss, longer, moving, passes, time, errors, columns, others=()):
         rows = (some[:, :, at] * weight).reshape(len(some), -1)
         return nnls(rows.T, (off * weight).ravel() - least * rows.sum(0))[1] ** 2
 
+    rows = (columns[:, :, at] * weight).reshape(len(columns), -1)
+    gaps = off * weight - (nnls(rows.T, (off * weight).ravel())[0] @ rows).reshape(off.shape)
+    spiked = np.any(np.abs(gaps) > SPIKE, axis=0)
+    if 0 < spiked.mean() < FEWEST:  # one of these in a turn would hide what all the others tell
+        off, noise, at = off[:, ~spiked], noise[:, ~spiked], at[~spiked]
+        middle = np.median(noise, axis=1, keepdims=True)
+        noise = np.where(noise > SPIKE ** 2 * middle, middle, noise)
     total, usual, alone = np.sum((off * weight) ** 2), np.sum(noise * weight**2), left(columns)
     if total < SEEN * usual or (len(columns) > 1 and left(columns, HALF) > (1 + ALL) * alone):
         return nothing
@@ -92,6 +101,13 @@ def building_up(miss, longer, moving, passes, time, errors, columns, others=()):
     if total - alone < PART * (total - usual):
         return nothing
     return own if alone < min(map(left, others), default=0.0) else nothing
+
+
+def _mean(values):
+    """Mean of each row, shape (rows, 1), without what is far off all others of it."""
+    away = np.abs(values - np.median(values, axis=1, keepdims=True))
+    scatter = np.median(away, axis=1, keepdims=True)
+    return np.mean(values, axis=1, keepdims=True, where=(away <= 2 * SPIKE * scatter) | (scatter == 0))
 
 
 def compared(dataset, parameters, least, slowest, angles):
@@ -200,8 +216,12 @@ class _Travel:
         sliding = np.zeros((len(question.states), len(self.time)))
         sliding[rows] = way
 
+        torques = [n for n in {*dataset.known, *dataset.outputs} if base.unit(n) in ("N.m", "N")]
+        calm = {n: _mended(dataset, dataset.measured[n]) for n in torques if n in dataset.measured}
+        signals = {**dataset.signals, **{n: v for n, v in calm.items() if n in dataset.signals}}
+
         def predicted(states):
-            return np.array(list(dataset.segment_signals(base, parameters, dataset.outputs, states).values()))
+            return np.array(list(dataset.segment_signals(base, parameters, dataset.outputs, states, signals).values()))
 
         def changed(friction):
             """What each segment's friction state changes in the prediction, segment by segment."""
@@ -216,7 +236,7 @@ class _Travel:
         far = {times: built_up(dataset, base, parameters, times) for times in TIMES}
         late = [np.roll(early, n, axis=1) for n in LATE]
         lagging = [lfilter([1 / (1 + n)], [1, -n / (1 + n)], early, axis=1) for n in LAGS]
-        self.errors = np.array([dataset.reference(c) for c in dataset.outputs]) - at_once
+        self.errors = np.array([calm.get(c, dataset.reference(c)) for c in dataset.outputs]) - at_once
         self.forces = [base.unit(c) not in ("rad", "m") for c in dataset.outputs]
         self.columns, self.others = changed(early), [changed(f) for f in (*far.values(), *late, *lagging)]
         self.miss, self.longer = early - way, far[LONGER] - way
@@ -227,6 +247,11 @@ class _Travel:
         Smoothed speeds follow it: an encoder's steps go to and fro in slow motion.
         """
         return building_up(self.miss, self.longer, moving, passes, self.time, self.errors, self.columns, others)
+
+
+def _mended(dataset, values):
+    """A measured torque without its outliers, log by log: one of them in a turn would hide what is usual there."""
+    return np.concatenate([mended(values[dataset.run == k], starts(log)) for k, log in enumerate(dataset.logs)])
 
 
 def built_up(dataset, model, parameters, times=1.0):
