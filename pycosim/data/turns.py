@@ -20,9 +20,10 @@ from .spikes import mended, starts
 BUILT_UP = 0.02  # of a segment's friction, that may still have to build up where it counts as sliding
 LONGER = 5.0  # times the model's own travel, within which a turn is looked at
 AFTER = 10  # samples of a pass beyond that, which tell what it would have been
-EXPLAINED = 0.95
-"""Of what is off after turns, that the model's own travel explains where it is all that is at work: 99 % then; a hidden
-presliding leaves 10 to 25 %, a delay or a filter 25 to 75 %."""
+EXPLAINED, AT_LEAST, CHANCE = 0.95, 0.91, 2.0
+"""Of what is off after turns, that the model's own travel explains where it is all that is at work: 99 % then, less by
+so many standard deviations of the noise's own squares, to the second; a hidden presliding leaves 10 to 25 %, a delay or
+a filter 25 to 75 %."""
 PART = 0.25
 """The same where something else is off there too: then it must be better than any other travel, delay or filter."""
 HALF, ALL = 0.5, 0.1
@@ -96,7 +97,8 @@ def building_up(miss, longer, moving, passes, time, errors, columns, others=()):
     total, usual, alone = np.sum((off * weight) ** 2), np.sum(noise * weight**2), left(columns)
     if total < SEEN * usual or (len(columns) > 1 and left(columns, HALF) > (1 + ALL) * alone):
         return nothing
-    if alone - usual <= (1 - EXPLAINED) * (total - usual):
+    chance = CHANCE * usual * np.sqrt(2 / off.size)
+    if alone - usual <= min((1 - EXPLAINED) * (total - usual) + chance, (1 - AT_LEAST) * (total - usual)):
         return own
     if total - alone < PART * (total - usual):
         return nothing

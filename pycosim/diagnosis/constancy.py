@@ -1,7 +1,7 @@
 """A fitted effect in; whether its coefficient is the same all over the data, or only an average of another law, out.
 
-What an effect adds to the residual is multiplied by a straight line, and by a free function, of one variable after the
-other. A law that is right gains nothing by that; one that stands in for another law gains, on passes that the function
+What an effect adds to the residual is multiplied by a straight line of one variable after the other, of its magnitude,
+and by a free function. A law that is right gains nothing by that; one that stands in for another law gains, on passes that the function
 was not fitted to, much of what it has taken away itself.
 """
 
@@ -30,6 +30,7 @@ same signal at other times gains as much by that."""
 PIECES = 100
 """Stretches that the data are cut into. A fold of whole blocks leaves out what one of them alone shows: the fastest
 stride of a gait is one of thirty, and holds half of what a law of the speed adds."""
+BOTH = 0.1  # of the samples, at which a variable must have either sign for its magnitude to be another
 OWN = 0.1
 """Of what an effect adds, that some variable and direction must explain for a law of that variable to be mistaken for
 it. A ripple of hundreds of cycles, or a lag, looks like nothing else, even where its size varies."""
@@ -108,7 +109,8 @@ def constancy(dataset, model, fit, seed=0):
     pieces = _pieces(problem.block)
     values = explanations(dataset, model, fit, index)
     bins = {n: levels(v) for n, v in values.items()}
-    functions = [law for n in values for law in ((n, SURE, _straight(values[n])), (n, FREE, _free(bins[n])))]
+    functions = [law for n in values for law in (
+        *((n, SURE, _straight(v)) for v in _sided(values[n])), (n, FREE, _free(bins[n])))]
     drawn, rng = rounding(dataset, model, fit), np.random.default_rng(seed)
     roundings = [fit.weights[:, None] * drawn(rng)[:, ::thin] for _ in range(AGAIN)] if drawn else []
     found, energy = {}, float((left ** 2).sum())
@@ -222,6 +224,12 @@ def _pieces(block):
     within = np.arange(len(block)) - np.repeat(starts, np.diff(np.r_[starts, len(block)]))
     new = (within % max(1, len(block) // PIECES)) == 0
     return np.cumsum(new) - 1
+
+
+def _sided(values):
+    """A variable, and its magnitude where it has both signs: a loss cares for the size of a load or a speed."""
+    found = [values, np.abs(values)]
+    return found if min(np.mean(values > 0), np.mean(values < 0)) > BOTH else found[:1]
 
 
 def _straight(values):
