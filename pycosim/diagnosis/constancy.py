@@ -1,8 +1,8 @@
 """A fitted effect in; whether its coefficient is the same all over the data, or only an average of another law, out.
 
 What an effect adds to the residual is multiplied by a straight line of one variable after the other, of its magnitude,
-and by a free function. A law that is right gains nothing by that; one that stands in for another law gains, on passes that the function
-was not fitted to, much of what it has taken away itself.
+and by a free function. A law that is right gains nothing by that; one that stands in for another law gains, on passes
+that the function was not fitted to, much of what it has taken away itself.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from .finding import Diagnosis
 from .lack_of_fit import unexplained
 from .remainder import LEFT, remaining, rises, slow
 from .rivals import behind, by_kind, plainly_better, too_many, twins
+from .rhythm import rhythms
 from .scores import LEVEL, Scores
 from .table import Table
 from .trials import NO_EFFECT, as_findings, fit_to_all, pressed, refit_best
@@ -104,12 +105,12 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     say("looking at what is left")
     hidden = undetectable(table, scores)
     floor = noise_floor(dataset, model, fit)
-    wandering = slow(dataset, model, fit, floor)
-    verdict = _verdict(findings, alarm or bool(wandering), hidden, dataset, model.attached)
+    wandering, beats = slow(dataset, model, fit, floor), rhythms(dataset, model, fit)
+    verdict = _verdict(findings, alarm or bool(wandering or beats), hidden, dataset, model.attached)
     winner, provisional = (chosen if chosen and chosen.accepted else None), (
         chosen if chosen and chosen.provisional else None)
     held_out = errors(dataset, model, fit, "test") if dataset.is_test.any() else {}
-    channels = _channels(fit.error, held_out, floor, told, base, winner, dataset.steps, provisional, wandering)
+    channels = _channels(fit.error, held_out, floor, told, base, winner, dataset.steps, provisional, wandering, beats)
     unknown = verdict == "unexplained" and not dataset.averaged and not any(f.contested for f in findings)
     found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single,
                       smallest(scores, LEVEL, MATTERS), varied(table), None, channels,
@@ -354,15 +355,15 @@ def _verdict(findings, alarm, hidden, dataset, attached):
     return "nothing_missing"
 
 
-def _channels(error, held_out, floor, told, base, winner, steps, provisional, slow):
+def _channels(error, held_out, floor, told, base, winner, steps, provisional, slow, beats):
     """What each channel says for itself.
 
     A channel misses an effect where the accepted one lowers its unseen error, and something unknown where its residual
-    depends on something, or is slower than noise, and no effect explains that.
+    depends on something, is slower than noise, or keeps a beat of its own, and no effect explains that.
     """
     found = {}
     for k, (name, own) in enumerate(told.channels.items()):
-        verdict = "unexplained" if own.sure or name in slow else "nothing_missing"
+        verdict = "unexplained" if own.sure or name in slow or name in beats else "nothing_missing"
         for finding, word in ((winner, "missing_effect"), (provisional, "unexplained")):
             if finding is not None:
                 fall, spread = difference(base.channels[k], finding.selection.channels[k])
@@ -372,4 +373,5 @@ def _channels(error, held_out, floor, told, base, winner, steps, provisional, sl
                        "resolution": steps.get(name, 0.0), "slow": name in slow,
                        "depends_on": [v for v in own.variables if v["strength"] >= RELEVANT][:5] if own.sure else []}
         found[name] |= {"held_out_error": held_out[name]} if name in held_out else {}
+        found[name] |= {"beat": dict(zip(("frequency", "share"), beats[name]))} if name in beats else {}
     return found

@@ -477,7 +477,7 @@ def _unexplained(result, final):
     if contested := _contested(result, final):
         return [*contested, *certainty_of_unknown(result), _at_floor(result)]
     depends = [f"{d['variable']} ({number(d['strength'])})" for d in result["residual_depends_on"][:3]
-               if d["strength"] > 0]
+               if d["strength"] > 1e-3]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
     line += f"; what is left depends most on {joined(depends)}." if depends else "."
     by_run = bool(depends) and result["residual_depends_on"][0]["variable"] == "run"
@@ -494,7 +494,7 @@ def _unexplained(result, final):
     if slow := [c for c in slow if c not in unseen]:
         line += (f" Most of what is left of {joined(slow)} is slower than noise and does not repeat: a reference that "
                  "drifts, or a loss that changes with time.")
-    line += _refusals(result["candidates"])
+    line += _beats(result["channels"]) + _refusals(result["candidates"])
     mystery = result["unexplained"]
     if mystery and mystery["proposal"] and not by_run:
         line += f" {mystery['proposal']['text']}"
@@ -504,6 +504,17 @@ def _unexplained(result, final):
     if mystery and mystery.get("free"):
         line += f" {mystery['free']['text']}"
     return [line, *certainty_of_unknown(result), _at_floor(result)]
+
+
+def _beats(channels):
+    """What keeps a beat of its own, in words."""
+    beats = {c: own["beat"] for c, own in channels.items() if own.get("beat")}
+    if not beats:
+        return ""
+    told = joined([f"{c} at {number(b['frequency'])} Hz ({100 * b['share']:.0f} % of the squared error)"
+                   for c, b in beats.items()])
+    return (f" What is left keeps a beat all through the log, whatever the motion: {told}. Mains, a pump or a fan do "
+            "that, and no law of friction.")
 
 
 def contested_of(result):
@@ -562,6 +573,9 @@ def certainty_of_unknown(result):
         lines = [f"Very likely: what is left of {follows[0]} depends on {worded(follows[1])} also in parts of the log "
                  f"that this was not fitted to, by more than {ALARM:g} standard errors or more than chance does in one "
                  f"log of {round(1 / RARE)}."]
+    elif beating := [c for c, own in blamed.items() if own.get("beat")]:
+        lines = [f"Very likely: the beat in {joined(beating)} predicts parts of the log that its size and phase do not "
+                 "come from."]
     elif _off_where_held_out(blamed):
         lines = [f"Very likely: held-out passes are off by more than {UNSEEN:g} times what the fitted ones are."]
     else:

@@ -1,0 +1,110 @@
+"""A fitted model's residual in; the beat that it keeps in time, whatever the machine does, out.
+
+Mains, a pump, a fan or a neighbour's compressor shake a torque at a frequency of their own. No function of angle, speed
+or load follows that, and a noise model takes it for slow noise, beside which no test has an effect to find.
+"""
+
+from __future__ import annotations
+
+import finufft
+import numpy as np
+
+SHARE = 0.2
+"""Of a channel's squared error, from which a beat counts: an error of 1.12 times the noise."""
+CYCLES, BLOCKS = 2.0, 4
+"""Cycles within a usual block that the slowest beat has, for slow noise goes on from block to block; and blocks that
+are needed."""
+MOST_FREQUENCIES = 2 ** 18
+FASTEST = 0.4  # of the sampling rate
+OF_MOTION = 0.05  # of its energy, that the motion itself may have there: what repeats with it has no beat of its own
+
+
+def rhythms(dataset, model, fit):
+    """Beats that the residual of a channel keeps all through the log.
+
+    Their frequency is where the periodogram of every second block is largest. Size and phase found there must then
+    predict the blocks between, and the other way round.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its fit part is looked at.
+    model : Model
+        That was fitted.
+    fit : Fit
+        Of that model.
+
+    Returns
+    -------
+    dict of str to (float, float)
+        By channel of a torque or force, the frequency [Hz] and the share of the squared error that it predicts; those
+        of more than `SHARE` alone.
+    """
+    if dataset.paired or dataset.averaged:
+        return {}
+    problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
+    view = dataset.view("fit")
+    run, time = dataset.run[view], problem.time
+    blocks, number = np.unique(problem.block, return_inverse=True)
+    parts = [np.flatnonzero(number % 2 == k) for k in (0, 1)]
+    durations = [np.ptp(time[number == k]) for k in range(len(blocks))]
+    if len(blocks) < BLOCKS or not np.median(durations) > 0:
+        return {}
+    low = CYCLES / np.median(durations)
+    high = FASTEST / np.median(np.diff(dataset.time[dataset.run == run[0]]))
+    longest = max(np.ptp(time[run == k]) for k in np.unique(run))
+    count = int(min(4 * longest * (high - low), MOST_FREQUENCIES))
+    if count < 2:
+        return {}
+    grid = np.linspace(low, high, count)
+    found = {}
+    for channel, r in zip(dataset.channels, problem.residual(fit.values)):
+        if dataset.base.unit(channel) not in ("N.m", "N"):
+            continue
+        best = [grid[np.argmax(_power(time[p], r[p], run[p], grid))] for p in parts]
+        if abs(best[0] - best[1]) > 2 / longest:
+            continue
+        share = min(_predicted(time, r, run, *way, f) for f in best for way in (parts, parts[::-1]))
+        if share > SHARE and not _moves(time, [s[view] for s in dataset.speeds], run, best[0]):
+            found[channel] = float(np.mean(best)), float(share)
+    return found
+
+
+def _power(time, values, run, grid):
+    """Periodogram on an even grid of frequencies, summed over the runs."""
+    step, count, total = grid[1] - grid[0], len(grid), 0.0
+    middle = grid[0] + step * (count // 2)
+    for k in np.unique(run):
+        t = time[run == k] - time[run == k][0]
+        turned = 2 * np.pi * step * t
+        values_there = (values[run == k] * np.exp(-2j * np.pi * middle * t)).astype(complex)
+        total = total + np.abs(finufft.nufft1d1(np.mod(turned, 2 * np.pi), values_there, count, isign=-1,
+                                                eps=1e-6)) ** 2
+    return total
+
+
+def _waves(time, frequency):
+    return np.array([np.sin(2 * np.pi * frequency * time), np.cos(2 * np.pi * frequency * time)])
+
+
+def _predicted(time, values, run, one, other, frequency):
+    """Share of the energy of some samples that a wave predicts whose size and phase come from others, run by run."""
+    left = energy = 0.0
+    for k in np.unique(run):
+        known, unseen = one[run[one] == k], other[run[other] == k]
+        if len(known) < 8 or not len(unseen):
+            continue
+        size = np.linalg.lstsq(_waves(time[known], frequency).T, values[known], rcond=None)[0]
+        left += np.sum((values[unseen] - size @ _waves(time[unseen], frequency)) ** 2)
+        energy += np.sum(values[unseen] ** 2)
+    return 1.0 - left / energy if energy else 0.0
+
+
+def _moves(time, speeds, run, frequency):
+    """Whether the motion itself has a line at a frequency."""
+    everything = np.arange(len(time))
+    return any(_predicted(time, s - np.mean(s), run, everything, everything, frequency) > OF_MOTION
+               for s in speeds)
+
+
+__all__ = ["rhythms"]
