@@ -25,8 +25,8 @@ from .excitation import smallest, undetectable, varied
 from .finding import Diagnosis
 from .lack_of_fit import unexplained
 from .remainder import LEFT, remaining, rises, slow
-from .rivals import behind, by_kind, plainly_better, too_many, twins
 from .rhythm import rhythms
+from .rivals import behind, by_kind, plainly_better, too_many, twins
 from .scores import LEVEL, Scores
 from .table import Table
 from .trials import NO_EFFECT, as_findings, fit_to_all, pressed, refit_best
