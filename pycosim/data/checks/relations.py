@@ -127,8 +127,14 @@ def _winsorised(residual):
         np.sqrt(np.mean(residual ** 2)))
 
 
+_CHANGES, _TELLING = 0.05, 40  # of the usual largest acceleration, and samples with more of it that are enough
+
+
 class RateRelation:
-    """A logged speed is the slope of the logged angle."""
+    """A logged speed is the slope of the logged angle, and where it changes it says when it was.
+
+    At an even speed a late one errs by nothing: of a log that mostly cruises, samples that accelerate were outliers.
+    """
 
     def __init__(self, speed, angle):
         self.speed, self.angle, self.channels = speed, angle, [speed]
@@ -151,8 +157,10 @@ class RateRelation:
         Agreement
         """
         w, slope = readings.take(sources[self.speed]), readings.take(sources[self.angle], 1)
-        return agreement(self.channels, (w - slope)[None], w[None], np.ones(w.size, bool),
-                         readings.partners)
+        rate = np.abs(readings.take(sources[self.speed], 1))
+        changes = rate > _CHANGES * np.quantile(rate, 0.99) if rate.size else rate > 0
+        used = changes if np.count_nonzero(changes) > _TELLING else np.ones(w.size, bool)
+        return agreement(self.channels, (w - slope)[None], w[None], used, readings.partners)
 
 
 class ModelRelation:
