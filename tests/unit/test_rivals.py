@@ -89,6 +89,12 @@ def test_no_rival_does_better_by_taking_samples_without_load_for_the_noisier_bra
     assert _in_branches(level, loaded, beside, loaded) is level
 
 
+def test_a_sample_in_another_s_branch_has_the_level_that_is_the_model_s_own_there():
+    loaded, other = np.arange(100)[None] < 60, np.arange(100)[None] < 50
+    beside, level = np.where(loaded, 1.0, 1.3), np.where(other, 1.05, 1.2)  # branches that differ less
+    assert _in_branches(level, other, beside, loaded) == pytest.approx(np.where(loaded, 1.05, 1.2))
+
+
 def refitted(effect, squares, white):
     """A finding that leaves so much in two channels on ten blocks each."""
     level, none = np.ones((2, 10)), np.zeros((0, 10), dtype=bool)

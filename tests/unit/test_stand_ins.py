@@ -5,8 +5,20 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pycosim.diagnosis.constancy import FREE, OWN, SURE, _follows, _free, _Laws, _pieces, _placebos, _straight, levels
-from pycosim.diagnosis.dependence import Dependence, _dependence, _Given
+from pycosim.diagnosis.constancy import (
+    FREE,
+    OWN,
+    SURE,
+    _follows,
+    _free,
+    _Laws,
+    _pieces,
+    _placebos,
+    _sided,
+    _straight,
+    levels,
+)
+from pycosim.diagnosis.dependence import Dependence, _dependence, _Given, noise_floor
 from pycosim.diagnosis.remainder import HELD_OUT, LEFT, WANDERS, remaining, rises
 
 
@@ -43,6 +55,24 @@ def _tried(left, slope, added, pieces, speed):
 def test_a_right_law_gains_nothing_by_a_coefficient_that_varies():
     found = np.array([_gain(lambda w: 0.3 * np.sign(w) + 0.5 * w, seed) for seed in range(60)])
     assert ((found[:, :, 1] > 1).sum(0) <= binom.ppf(0.999, 60, 0.01)).all(), found[:, :, 1].max(0)
+
+
+def _by_load(law, seed):
+    """What a straight line of a load, and of its magnitude, gains a viscosity, in errors over the bar."""
+    rng = np.random.default_rng(seed)
+    block = np.repeat(np.arange(30), 120)
+    speed = rng.uniform(0.5, 2.0, 30)[block] * np.sin(2 * np.pi * np.arange(block.size) / 120)
+    load = np.sin(2 * np.pi * np.arange(block.size) / 400 + 0.4)
+    left, slope, added = _fitted(lambda w: law(w, load), speed, rng)
+    laws = _Laws(added, slope, _pieces(block))
+    return [laws.gain(left, _straight(v))[1] / SURE for v in _sided(load)]
+
+
+def test_a_viscosity_that_grows_with_the_square_of_a_load_is_seen_in_the_magnitude_of_that():
+    line, size = np.array([_by_load(lambda w, load: 0.3 * np.sign(w) + 0.3 * w * load ** 2, s) for s in range(10)]).T
+    assert np.all(size > 1) and np.median(line) < 1
+    right = np.array([_by_load(lambda w, load: 0.3 * np.sign(w) + 0.2 * w, s) for s in range(60)])
+    assert ((right > 1).sum(0) <= binom.ppf(0.999, 60, 0.01)).all()
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -229,3 +259,18 @@ def test_a_ripple_of_many_cycles_follows_no_variable_and_friction_does():
     assert max(_follows(np.sin(2 * values["phi"])[None], values, bins).values()) < OWN
     assert _follows(np.abs(w)[None] * np.sign(w), values, bins)["speed@a"] > 0.9
     assert min(_follows(np.sign(w)[None], values, bins).values()) > 0.9  # a constant is a function of anything
+
+
+def test_a_run_that_is_noisier_and_repeats_nothing_has_a_floor_of_its_own():
+    """Repeats in the two quiet runs alone had told the floor of all three."""
+    rng, block = np.random.default_rng(1), np.repeat(np.arange(9), 100)
+    run = block // 3
+    noise = np.where(run == 1, 4.0, 1.0) * rng.standard_normal(900)
+    time = np.arange(900) * 0.01 + 5.0 * block
+    problem = SimpleNamespace(time=time, group=block, block=block, residual=lambda x: noise[None])
+    line = np.where(np.arange(9) // 3 == 1, np.arange(9), 0)
+    dataset = SimpleNamespace(averaged=False, run=run, channels=["C"], residuals=lambda *a: problem,
+                              picks=lambda part: [(1.0, np.arange(900), None)],
+                              blocks=SimpleNamespace(line=line, speed=np.zeros(9, dtype=int)))
+    floor = noise_floor(dataset, None, SimpleNamespace(free=[], parameters={}, values=[]))["C"]
+    assert floor == pytest.approx(np.sqrt(6.0), rel=0.08)

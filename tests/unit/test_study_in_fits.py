@@ -110,7 +110,7 @@ def test_a_parameter_may_leave_the_rig_s_bounds_where_the_study_says_so(dataset,
     assert fitted(dataset(strong))["s1A.f0"] == pytest.approx(1.0, rel=0.01)
 
 
-def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0, beside=0.0):
+def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0, beside=0.0, spikes=()):
     """What `building_up` says of a segment that turns every second, whose friction builds up over a travel."""
     time, rng = np.arange(4000) * 0.01, np.random.default_rng(seed)
     way = (np.mod(time, 1.0) * 0.5) ** 2  # since the turn
@@ -121,6 +121,7 @@ def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0, beside=0.0):
 
     late = np.where(np.mod(time, 1.0) < delay, -sign, state(travel))
     errors = (late - sign + noise * rng.standard_normal(len(time)))[None]
+    errors[:, list(spikes)] += 3.0
     errors += beside * sign * np.sqrt(way)  # something else that is missing, and grows with the speed
     others = [0.6 * (state(times * own) - sign)[None, None] for times in TIMES]
     others += [0.6 * (np.roll(state(own), n) - sign)[None, None] for n in LATE]
@@ -130,8 +131,10 @@ def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0, beside=0.0):
 
 @pytest.mark.parametrize(("left_out", "there"), [
     (True, {"travel": 1e-3}), (True, {"travel": 1e-3, "seed": 1, "noise": 0.1}), (False, {"travel": 0.0}),
-    (True, {"travel": 1e-3, "beside": -0.3}), (False, {"travel": 0.0, "beside": -0.3}), (False, {"travel": 2e-4}),
-    (False, {"travel": 5e-3}), (False, {"travel": 0.0, "delay": 0.07}), (False, {"travel": 0.0, "delay": 0.03})])
+    (True, {"travel": 1e-3, "beside": -0.3}),
+    (True, {"travel": 1e-3, "noise": 0.1, "spikes": (502, 1801, 2000, 2612)}),
+    (False, {"travel": 0.0, "spikes": (502, 1801, 2000)}), (False, {"travel": 0.0, "beside": -0.3}),
+    (False, {"travel": 2e-4}), (False, {"travel": 5e-3}), (False, {"travel": 0.0, "delay": 0.07}), (False, {"travel": 0.0, "delay": 0.03})])
 def test_only_what_the_model_s_own_travel_does_after_turns_is_left_out(left_out, there):
     found = turning(**there)
     assert (0 < found.sum() < 0.3 * len(found)) if left_out else not found.any()
