@@ -134,7 +134,8 @@ def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0, beside=0.0, spikes=
     (True, {"travel": 1e-3, "beside": -0.3}),
     (True, {"travel": 1e-3, "noise": 0.1, "spikes": (502, 1801, 2000, 2612)}),
     (False, {"travel": 0.0, "spikes": (502, 1801, 2000)}), (False, {"travel": 0.0, "beside": -0.3}),
-    (False, {"travel": 2e-4}), (False, {"travel": 5e-3}), (False, {"travel": 0.0, "delay": 0.07}), (False, {"travel": 0.0, "delay": 0.03})])
+    (False, {"travel": 2e-4}), (False, {"travel": 5e-3}),
+    (False, {"travel": 0.0, "delay": 0.07}), (False, {"travel": 0.0, "delay": 0.03})])
 def test_only_what_the_model_s_own_travel_does_after_turns_is_left_out(left_out, there):
     found = turning(**there)
     assert (0 < found.sum() < 0.3 * len(found)) if left_out else not found.any()
