@@ -29,7 +29,7 @@ from .rhythm import rhythms
 from .rivals import behind, by_kind, plainly_better, too_many, twins
 from .scores import LEVEL, Scores
 from .table import Table
-from .trials import NO_EFFECT, as_findings, fit_to_all, pressed, refit_best
+from .trials import as_findings, fit_to_all, pressed, refit_best
 
 TOO_FEW = "there are too few passes to see whether it predicts one that it was not fitted to"
 NOTHING = "its interval holds zero, so that something else is at work"
@@ -272,7 +272,7 @@ def _decide(findings, rivals, base, refines, steady):
 
 def _considered(rivals, earned, best, base, refines, steady):
     """What is said where a finding is the best: it or what it corrects, alternatives, and whether it is constant."""
-    able = [f for f in rivals if f.refused not in (*ELSE, *NO_EFFECT, UNSOLVED)]
+    able = [f for f in rivals if f.refused not in (*ELSE, UNSOLVED)]
     others = [f for f in able if f is not best and twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and (
         twins(base, f, best, 3.0) or np.all(_shares(f.selection.channels, best.selection.channels) < MATTERS))), None)

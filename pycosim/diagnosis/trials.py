@@ -23,7 +23,6 @@ REFITS = 10
 BETWEEN = "over within a few samples, so that they do not show it"
 OWN, SIMILAR = "what the model's own travel does after turns", 2.0
 """Said of a travel less than so many times the rig's own, where that is at work."""
-NO_EFFECT = BETWEEN, OWN  # reasons that a candidate is none, and no alternative of one either
 FEW, MOSTLY, HALF = 4, 0.8, 0.5
 """Samples after a turn, and the share of what a memory of friction changes that lies in them, from which on it is taken
 for what straight lines between samples leave where a torque was moved by a part of one; and of what a delay of less
