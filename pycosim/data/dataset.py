@@ -124,12 +124,13 @@ class Dataset:
                        if all(log.labels is not None for log in self.logs) else None)
 
     def _recorded(self, log):
-        """Signals of a log: where the study is robust, or leaves samples out, motion is bridged over its outliers."""
+        """Signals of a log: bridged over outliers where the study is robust, and motion where it leaves them out."""
         left_out = self.study.left_out(log.name, log.time)
         if not (self.study.robust or left_out.any()):
             return log.signals
         turns, where = starts(log), None if self.study.robust else left_out
-        return {n: mended(v, turns, where) if n.endswith(MOTION) else v for n, v in log.signals.items()}
+        return {n: mended(v, turns, where) if self.study.robust or n.endswith(MOTION) else v
+                for n, v in log.signals.items()}
 
     def memo(self, key, make):
         """Return ``make()``, computed once a key and kept as long as this object.

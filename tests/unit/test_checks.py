@@ -314,7 +314,7 @@ def test_a_robust_study_is_not_told_to_be_robust(library, tmp_path):
     plain, robust = ([f for f in checked(library, s).findings if f.kind == "outliers"][0]
                      for s in (asked, replace(asked, robust=True)))
     assert plain.mend == "[fit]\nrobust = true" and not robust.mend
-    assert robust.text.endswith("they are weighed down")
+    assert robust.text.endswith("they are bridged")
 
 
 def test_a_shock_is_left_out_by_its_own_line_and_then_not_told(library, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from ...study.toml import to_toml
-from ..spikes import MANY, MOTION, mended, spikes, starts
+from ..spikes import MANY, mended, spikes, starts
 from .finding import Finding
 
 _SHOCK = 12.0  # robust deviations of the residual over a tenth of a second
@@ -46,8 +46,7 @@ def outliers(logs, columns, study):
             times += [(float(log.time[max(k - 1, 0)]), float(log.time[min(k + 1, values.size - 1)])) for k in far]
         if count and count < MANY * total:
             column = columns.column(name)
-            done = ("bridged", "bridges them") if name.endswith(MOTION) else ("weighed down", "weighs them down")
-            done = f"they are {done[0]}" if study.robust else f"[fit] robust = true {done[1]}"
+            done = "they are bridged" if study.robust else "[fit] robust = true bridges them"
             text = (f"{count} {'samples' if count > 1 else 'sample'} of {columns.of(name)} "
                     f"({100 * count / total:.2g} %) {'are' if count > 1 else 'is'} far off the neighbours, "
                     f"by up to {size:.3g} {column.dimension if column else ''}; {done}")
