@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -19,7 +20,8 @@ from .motion import Motion
 from .parameters import Parameters
 from .residuals import Residuals, evaluated, held
 from .scales import Sizes
-from .spikes import MOTION, mended, starts
+from .scatter import scatter
+from .spikes import MANY, MOTION, mended, spikes, starts
 
 FOLDS = 5
 
@@ -84,6 +86,31 @@ class Dataset:
         self._size()
         self._split()
         self._views, self.early = {}, None
+
+    @property
+    def spiked(self):
+        """Outliers of torques and references, of columns in which they hold more squares than the noise: a number.
+
+        None where the study bridges them anyway.
+        """
+        def make():
+            count = 0
+            for name in () if self.study.robust else {*self.known, *self.outputs} & {*self.measured}:
+                if self.base.unit(name) in ("N.m", "N"):
+                    found = [spikes(self.measured[name][self.run == k], starts(log)) for k, log in enumerate(self.logs)]
+                    off = np.concatenate([off for _, off in found])
+                    few = 0 < off.size < MANY * len(self.time)
+                    count += off.size if few and np.sum(off ** 2) > len(self.time) * scatter(self, name) ** 2 else 0
+            return count
+        return self.memo("dataset.spiked", make)
+
+    @property
+    def calm(self):
+        """These data as tests see them: bridged over outliers of torques that would hide every effect."""
+        if not self.spiked:
+            return self
+        robust = replace(self.study, robust=True)
+        return self.memo("dataset.calm", lambda: Dataset(robust, self.library, self.logs))
 
     # ---- what is known, what is compared
 

@@ -162,6 +162,9 @@ def summary_data(dataset):
     if dataset.study.leave_out:
         gone = int(np.count_nonzero(dataset.left_out))
         lines.append(f"{gone} {'sample' if gone == 1 else 'samples'} left out, as [data] leave_out says.")
+    if dataset.spiked:
+        lines.append(f"{dataset.spiked} samples of torques are far off their neighbours, and in all by more than the "
+                     "noise: what looks for effects bridges them; [fit] robust = true does so everywhere.")
     if dataset.paired:
         lines.append("No torque reference: errors are half the difference between a pass out and its way back.")
     return lines + dataset.shortcomings()

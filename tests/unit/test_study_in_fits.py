@@ -73,6 +73,19 @@ def test_outliers_move_a_plain_fit_and_hardly_a_robust_one(dataset, log):
     assert distance(fitted(dataset(spoiled, robust=True)), true) < 0.004
 
 
+def test_tests_bridge_outliers_of_torques_that_hold_more_than_the_noise(dataset, log):
+    assert dataset(log).spiked == 0
+    spoiled, rng = log.copy(), np.random.default_rng(0)
+    rows = rng.choice(len(log), len(log) // 100, replace=False)
+    spoiled.loc[rows, "C_H"] += rng.choice((-100.0, 100.0), len(rows))
+    data = dataset(spoiled)
+    assert 0.5 * len(rows) < data.spiked <= len(rows) and np.ptp(data.measured["C_H"]) > 150
+    assert data.calm.study.robust and data.calm is data.calm and data.calm.calm is data.calm
+    left = np.abs(data.calm.measured["C_H"] - dataset(log).measured["C_H"]) > 50
+    assert np.count_nonzero(left) == len(rows) - data.spiked  # next to a start or a turn it may be a jump
+    assert any("far off their neighbours" in line for line in summary_data(data))
+
+
 def test_weights_are_one_for_all_but_the_far_out():
     residual = np.random.default_rng(0).standard_normal((2, 1000)) * [[1.0], [50.0]]
     residual[0, 7] = 1000.0
