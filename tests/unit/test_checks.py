@@ -84,6 +84,7 @@ MISTAKES = {
     "all torques in millinewton metres": (times(1e3, *TAU, *C), "unit", 'unit = "mN.m"'),
     "revolutions": (times(1 / (2 * np.pi), *THETA, *OMEGA), "unit", 'unit = "rev"'),
     "milliseconds": (times(1e3, "time"), "unit", 'time = { variable = "time", unit = "ms" }'),
+    "minutes": (lambda f: f.assign(time=f.time / 60), "unit", 'unit = "min"'),
     "nanoseconds": (lambda f: f.assign(time=1e9 * f.time), "unit", 'unit = "ns"'),
     "an angle that begins again": (wrapped, "wrap", "wrap = 6.28319"),
     "a torque that stays": (stuck("tau1"), "stuck", "[data]\ntime = [0"),

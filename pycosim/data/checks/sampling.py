@@ -15,6 +15,9 @@ _SLOWEST = 0.2
 """s between samples from which another unit of the time is considered: a drive that is controlled is sampled faster."""
 _STILL = 0.05
 """rad/s (or m/s) that nothing exceeds where milliseconds or microseconds are read as seconds."""
+_RUSHED, _MOST = 1e-3, {"rad": 2e5, "m": 1e3}
+"""s between samples, and accelerations [rad/s2, m/s2], beyond which minutes may have been read as seconds: no drive that
+friction matters to is accelerated a hundredfold faster than it falls."""
 _GAP = 5.0  # usual intervals without a sample
 _UNEVEN = 0.05  # relative scatter of the interval that is worth a word
 _MOST_ROWS, _WHOLE = 100, 0.003
@@ -71,7 +74,7 @@ def rest(logs, moving):
 
 
 def clock(study, logs, model):
-    """Milliseconds or microseconds read as seconds: nothing would move.
+    """Another unit of the time: milliseconds read as seconds, so that nothing would move, or minutes.
 
     Parameters
     ----------
@@ -97,18 +100,21 @@ def clock(study, logs, model):
         return [], 1.0
     name, known = study.time_column, study.columns.get(study.time_column, Column("time", "s"))
     said = "s" if study.rate is not None else known.unit
-    for unit in (u for u in ("s", "ms", "us", "ns") if u != said):
+    for unit in (u for u in ("s", "ms", "us", "ns", "min") if u != said):
         factor = UNITS[unit][1] / UNITS[said][1]
         agrees = told and 0.5 < fastest / factor / told < 2.0
+        rushed = unit == "min" and not told and step < _RUSHED and any(
+            _jerked(log.time, log.signals[n]) > _MOST[model.variables[n].unit] for log in logs for n in angles)
         slow = step > _SLOWEST and fastest < _STILL and 1e-5 <= step * factor <= 0.2
-        if agrees or (slow and not told and fastest / factor < 1e3):
+        if agrees or rushed or (slow and not told and fastest / factor < 1e3):
             mend = column_line(name, replace(known, unit=unit))
             if study.rate is not None:
                 name, mend = f"[data] rate, {study.rate:g},", f"[data]\nrate = {study.rate / factor:.6g}"
             text = (f"{name} is in {unit}, not in {said}: a sample every {step:.4g} s and a fastest motion of "
                     f"{fastest:.3g} rad/s become {1 / (step * factor):.4g} Hz and {fastest / factor:.3g} rad/s")
             named = [name] if study.rate is None else []
-            return [Finding("unit", text, named, 0.999 if agrees else 0.98, mend=mend)], factor
+            sure = 0.999 if agrees else 0.4 if rushed else 0.98
+            return [Finding("unit", text, named, sure, mend=mend)], 1.0 if rushed else factor
     return _rows(study, logs, [p.value for p in model.parameters.values() if p.unit == "1"])
 
 
@@ -153,6 +159,15 @@ def _ratio(time, speed, angle):
     if not power or slope @ speed < _FOLLOWS * power:
         return np.nan
     return float(slope @ speed / (speed @ speed))
+
+
+def _jerked(time, values):
+    """The usual largest acceleration, over twenty samples."""
+    if time.size < 80:
+        return 0.0
+    at = slice(None, None, 10)
+    speed = np.gradient(values[at], time[at])
+    return float(np.quantile(np.abs(np.gradient(speed, time[at])), 0.95))
 
 
 def _fast(time, values):
