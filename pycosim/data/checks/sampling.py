@@ -16,8 +16,8 @@ _SLOWEST = 0.2
 _STILL = 0.05
 """rad/s (or m/s) that nothing exceeds where milliseconds or microseconds are read as seconds."""
 _RUSHED, _MOST = 1e-3, {"rad": 2e5, "m": 1e3}
-"""s between samples, and accelerations [rad/s2, m/s2], beyond which minutes may have been read as seconds: no drive that
-friction matters to is accelerated a hundredfold faster than it falls."""
+"""s between samples, and accelerations [rad/s2, m/s2], beyond which minutes may have been read as seconds: no drive
+that friction matters to is accelerated a hundredfold faster than it falls."""
 _GAP = 5.0  # usual intervals without a sample
 _UNEVEN = 0.05  # relative scatter of the interval that is worth a word
 _MOST_ROWS, _WHOLE = 100, 0.003
