@@ -17,6 +17,7 @@ protected
   Real shifted2(unit="1") "Change of the second angle's sine by the error of the angles";
   Real w_H(unit="rad/s") "Speed of the first joint";
   Real w_K(unit="rad/s") "Speed of the second joint";
+  Real w2(unit="rad/s") "Absolute speed of the second link";
   Real a_H(unit="rad/s2") "Acceleration of the first joint";
   Real a2(unit="rad/s2") "Absolute acceleration of the second link";
   Real moment(unit="kg.m") "Error of mass times distance of the centre of mass";
@@ -32,7 +33,8 @@ equation
   w_H = der(hip.phi);
   w_K = der(knee.phi);
   a_H = der(w_H);
-  a2 = der(w_H + w_K);
+  w2 = w_H + w_K;
+  a2 = der(w2);
   shifted1 = sin(first) * (cos(hip.error) - 1) + cos(first) * sin(hip.error);
   shifted2 = sin(second) * (cos(error) - 1) + cos(second) * sin(error);
   moment = mass.dmass * c + (m + mass.dmass) * centre.dcentre;
@@ -40,7 +42,7 @@ equation
   own = g * (moment * sin(second) + (m + mass.dmass) * (c + centre.dcentre) * shifted2)
     + inertia * a2 + moment * l1 * (cos(knee.phi) * a_H + sin(knee.phi) * w_H * w_H);
   carried = g * l1 * (mass.dmass * sin(first) + (m + mass.dmass) * shifted1)
-    + mass.dmass * l1 * l1 * a_H + moment * l1 * (cos(knee.phi) * a2 - sin(knee.phi) * (w_H + w_K) * (w_H + w_K));
+    + mass.dmass * l1 * l1 * a_H + moment * l1 * (cos(knee.phi) * a2 - sin(knee.phi) * w2 * w2);
   knee.dload = -own;
   hip.dload = -(own + carried);
   hip.dgain = 0;
