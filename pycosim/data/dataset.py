@@ -71,7 +71,9 @@ class Dataset:
     parameters : Parameters
         What study and logs say of the parameters of models of this rig.
     early : ndarray of bool, shape (n,), or None
-        Samples left out of all parts, since a filter has not settled there; see `settled`.
+        Samples left out of all parts; see `sliding` and `settled`.
+    filtered : bool
+        Whether those are left out at which a filter has not settled.
     """
 
     def __init__(self, study, library, logs=None):
@@ -85,7 +87,7 @@ class Dataset:
         self._segment()
         self._size()
         self._split()
-        self._views, self.early = {}, None
+        self._views, self.early, self.filtered = {}, None, False
 
     @property
     def spiked(self):
@@ -564,15 +566,15 @@ class Dataset:
         Returns
         -------
         Dataset
-            Of `sliding`, with fewer samples in its parts where the model filters a torque.
+            With fewer samples in its parts; this one where the model filters no torque, or nothing is left out.
         """
-        here = self.sliding(model)
-        lag = 0.0 if self.early is not None else torques.lag(self.ask(model), parameters)
+        lag = 0.0 if self.filtered else torques.lag(self.ask(model), parameters)
         if lag <= 0:
-            return here
-        early = torques.unsettled(self, lag)
-        early = early if here.early is None else early | here.early
-        return self.without(early) if early.any() else here
+            return self
+        here, early = self.sliding(model), torques.unsettled(self, lag)
+        other = self.without(early if here.early is None else early | here.early)
+        other.filtered = True
+        return other
 
     def without(self, early):
         """These data with fewer samples in their parts.
@@ -588,7 +590,7 @@ class Dataset:
         """
         if early is self.early:
             return self
-        other = copy.copy(self)
+        other = copy.copy(self)  # nothing is derived anew
         other._views, other.early = {}, early
         return other
 

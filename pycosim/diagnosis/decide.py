@@ -86,7 +86,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     Diagnosis
     """
     say = progress or (lambda text: None)
-    whole, dataset = dataset.sliding(model), dataset.settled(model, fit.parameters)
+    whole = dataset.sliding(model)
+    dataset = whole.settled(model, fit.parameters)
     say("testing every candidate effect at every place")
     table = Table(dataset, model, fit)
     first_look.tell(say, table)

@@ -95,7 +95,7 @@ def fitted(dataset, base, keys, fit, seed, progress):
     """
     without = compile_model(dataset.library, base.rig, [*base.keys, *keys])
     lacking = least_squares.fit(dataset, without, fit.parameters)
-    here = dataset.settled(without, lacking.parameters)
+    here = dataset.sliding(without).settled(without, lacking.parameters)
     table = Table(here, without, lacking)
     scores = Scores(table, seed)
     alone, found = select(here, without, lacking, scores.single), []

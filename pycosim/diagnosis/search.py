@@ -435,7 +435,7 @@ class _Selections:
 
         Only where both filter a torque do they leave out what the filter has not settled at.
         """
-        here = self.dataset.settled(model, self.step.fit.parameters)
+        here = self.dataset.sliding(model).settled(model, self.step.fit.parameters)
         key = here.early is None or here.early.tobytes()
         if key not in self._known:
             self._known[key] = here, select(here, self.step.model, self.step.fit, self.noise)

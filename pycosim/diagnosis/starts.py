@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from ..compile import compile_model, component_name
 from ..core.errors import PycosimError
 from ..fit import least_squares
+from ..fit.late import delays
 from .scores import Scores
 from .table import Table
 from .trials import as_findings, nudged
@@ -31,7 +36,7 @@ def fitted(dataset, model, progress=None):
     Fit
         Whichever leaves less.
     """
-    plain = least_squares.fit(dataset, model)
+    plain = _beside_delays(dataset, model, least_squares.fit(dataset, model))
     lost = [(e.id, p.name) for e, p in model.attached if _unsaid(dataset, model, plain, e, p)]
     if not lost:
         return plain
@@ -65,7 +70,20 @@ def _from_scores(dataset, model, lost):
         start = {**fit.parameters, **(seen[key].start if key in seen else {})}
         fit = least_squares.fit(dataset, larger, nudged(start, larger, seen.get(key)))
         lacking = larger
-    return least_squares.fit(dataset, model, fit.parameters)
+    return _beside_delays(dataset, model, least_squares.fit(dataset, model, fit.parameters))
+
+
+def _beside_delays(dataset, model, fit):
+    """The fit without samples of turns that hide the rig's own travel; they tell the delays themselves best."""
+    here = dataset.sliding(model)
+    if here is dataset or here.settled(model, fit.parameters) is not here:  # a filter's fit leaves them out already
+        return fit
+    held = [n for n in delays(model) if n in fit.free]
+    later = least_squares.fit(here, model, fit.parameters, held=held)
+    told = [k for k, n in enumerate(later.free) if n in held]
+    scale = np.ones(len(later.free))
+    scale[told] = [fit.stderr[fit.free.index(later.free[k])] / max(later.stderr[k], 1e-300) for k in told]
+    return replace(later, profiles=fit.profiles, covariance=later.covariance * np.outer(scale, scale))
 
 
 def _left(fit):
