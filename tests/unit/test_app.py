@@ -32,6 +32,7 @@ def study(tmp_path_factory):
     return folder / "study.toml"
 
 
+@pytest.mark.long
 def test_the_loop_goes_forth_and_back(study, tmp_path):
     bench = Workbench(tmp_path / "app")
     with pytest.raises(Given, match="no data are read yet"):

@@ -270,6 +270,7 @@ def test_a_number_that_stands_for_none_is_an_outlier_and_no_other_mistake(name, 
         assert reached[0] == pytest.approx(reached[1], rel=0.05)
 
 
+@pytest.mark.long
 def test_encoders_that_count_from_elsewhere_are_no_gear_and_no_offset_of_a_reference(library, tmp_path):
     frame = sound(extra=())
     for shifted in (frame.assign(theta1=frame.theta1 + 100.0),

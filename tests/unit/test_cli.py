@@ -150,6 +150,7 @@ def test_add_without_a_place_takes_the_best(log, here, capsys):
     assert told.splitlines()[-1] == "Results in study_compare: comparison.json, figures/"
 
 
+@pytest.mark.long
 def test_add_at_a_place_says_when_the_data_do_not_ask_for_it(log, here, capsys):
     improved = STUDY.read_text() + '\n[[effects]]\neffect = "viscous"\nplace = "1A"\n'
     (here / "known.toml").write_text(improved)
@@ -290,6 +291,7 @@ def test_irregular_samples_and_drop_outs_give_nearly_the_same_parameters(log, he
         assert low - (high - low) <= p["value"] <= high + (high - low), name
 
 
+@pytest.mark.long
 def test_the_held_out_run_is_the_one_the_study_names(log, here):
     for k in (1, 2, 3):
         again = pd.read_csv(log)

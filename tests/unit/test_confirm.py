@@ -87,6 +87,7 @@ def test_chance_is_flat_where_an_effect_is_worth_nothing_and_counts_few_units_ex
     assert chance(np.ones(8)) == 2.0 ** -8 and chance(-np.ones(8)) == 1.0 and chance(np.zeros(8)) == 1.0
 
 
+@pytest.mark.long
 def test_p_values_are_flat_where_the_frozen_effect_is_twice_the_true_one_and_near_one_where_there_is_none(
         library, tmp_path):
     half, none = ([asked(claim(0.004), log(tmp_path / f"{b}_{seed}.csv", b, seed), library) for seed in range(8)]
@@ -222,6 +223,7 @@ def test_logs_of_one_motion_are_not_the_same_and_parts_of_one_log_are(noise, ste
         assert first == at and shared(one, part)[0][0] == at
 
 
+@pytest.mark.long
 def test_a_fitted_model_is_confirmed_with_its_own_values(told):
     folder, old, new, _ = told
     fitted = pc.open(replace(load_study(folder / "found.toml"), effects=[], parameters={

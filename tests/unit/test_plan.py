@@ -241,6 +241,7 @@ def run(capsys, *argv):
     return code, capsys.readouterr()
 
 
+@pytest.mark.long
 def test_the_verb_writes_a_motion_that_a_scenario_reads(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("pycosim.design.plan.PATIENCE", 8.0)
     code, said = run(capsys, "plan", STUDY, "--budget", "110", "--out", tmp_path / "plan", "--json")
