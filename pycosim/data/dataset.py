@@ -93,7 +93,7 @@ class Dataset:
     def spiked(self):
         """Outliers of torques and references, of columns in which they hold more squares than the noise: a number.
 
-        None where the study bridges them anyway.
+        Zero where the study bridges them anyway.
         """
         def make():
             count = 0
@@ -590,7 +590,7 @@ class Dataset:
         """
         if early is self.early:
             return self
-        other = copy.copy(self)  # nothing is derived anew
+        other = copy.copy(self)
         other._views, other.early = {}, early
         return other
 

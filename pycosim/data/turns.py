@@ -87,9 +87,7 @@ def building_up(miss, longer, moving, passes, time, errors, columns, others=()):
         rows = (some[:, :, at] * weight).reshape(len(some), -1)
         return nnls(rows.T, (off * weight).ravel() - least * rows.sum(0))[1] ** 2
 
-    rows = (columns[:, :, at] * weight).reshape(len(columns), -1)
-    gaps = off * weight - (nnls(rows.T, (off * weight).ravel())[0] @ rows).reshape(off.shape)
-    spiked = np.any(np.abs(gaps) > SPIKE, axis=0)
+    spiked = _far(off * weight, columns[:, :, at] * weight)
     if 0 < spiked.mean() < FEWEST:  # one of these in a turn would hide what all the others tell
         off, noise, at = off[:, ~spiked], noise[:, ~spiked], at[~spiked]
         middle = np.median(noise, axis=1, keepdims=True)
@@ -103,6 +101,13 @@ def building_up(miss, longer, moving, passes, time, errors, columns, others=()):
     if total - alone < PART * (total - usual):
         return nothing
     return own if alone < min(map(left, others), default=0.0) else nothing
+
+
+def _far(off, columns):
+    """Samples that are far from what the columns explain of them, all in units of the noise."""
+    rows = columns.reshape(len(columns), -1)
+    explained = nnls(rows.T, off.ravel())[0] @ rows
+    return np.any(np.abs(off - explained.reshape(off.shape)) > SPIKE, axis=0)
 
 
 def _mean(values):

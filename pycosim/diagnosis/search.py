@@ -307,7 +307,7 @@ def diagnosed(dataset, model, fit, seed=0, progress=None):
 
 
 def _without_spikes(dataset, model, fit):
-    """Data and fit as the tests see them: outliers that hold most of the error would hide every effect."""
+    """Data and fit as the tests see them: outliers that hold more than the noise would hide effects."""
     return (dataset, fit) if dataset.calm is dataset else (
         dataset.calm, least_squares.fit(dataset.calm, model, fit.parameters))
 

@@ -104,7 +104,7 @@ def clock(study, logs, model):
         factor = UNITS[unit][1] / UNITS[said][1]
         agrees = told and 0.5 < fastest / factor / told < 2.0
         rushed = unit == "min" and not told and step < _RUSHED and any(
-            _jerked(log.time, log.signals[n]) > _MOST[model.variables[n].unit] for log in logs for n in angles)
+            _accelerated(log.time, log.signals[n]) > _MOST[model.variables[n].unit] for log in logs for n in angles)
         slow = step > _SLOWEST and fastest < _STILL and 1e-5 <= step * factor <= 0.2
         if agrees or rushed or (slow and not told and fastest / factor < 1e3):
             mend = column_line(name, replace(known, unit=unit))
@@ -161,7 +161,7 @@ def _ratio(time, speed, angle):
     return float(slope @ speed / (speed @ speed))
 
 
-def _jerked(time, values):
+def _accelerated(time, values):
     """The usual largest acceleration, over twenty samples."""
     if time.size < 80:
         return 0.0
