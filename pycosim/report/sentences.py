@@ -487,17 +487,7 @@ def _unexplained(result, final):
     if by_run:
         line += (" It differs from run to run, as a zero, an offset or a payload does: add it, and give it a value of "
                  "its own in each run ([fit] own).")
-    slow = [c for c, own in result["channels"].items() if own.get("slow") and not _repeats(own)]
-    unseen = _off_where_held_out(result["channels"])
-    if unseen:
-        own = {c: result["channels"][c] for c in unseen}
-        off = joined([f"{c} {number(v['held_out_error'])} instead of {number(v['error'])}" for c, v in own.items()])
-        line += (f" Held-out passes are off by far more than the fitted ones ({off}): they move as the fitted ones do "
-                 "not, or something changed before them. Fit more of the motion, or hold out other runs.")
-    if slow := [c for c in slow if c not in unseen]:
-        line += (f" Most of what is left of {joined(slow)} is slower than noise and does not repeat: a reference that "
-                 "drifts, or a loss that changes with time.")
-    line += _beats(result["channels"]) + _refusals(result["candidates"])
+    line += "".join(f" {told}" for told in of_no_motion(result["channels"])) + _refusals(result["candidates"])
     mystery = result["unexplained"]
     if mystery and mystery["proposal"] and not by_run:
         line += f" {mystery['proposal']['text']}"
@@ -509,15 +499,35 @@ def _unexplained(result, final):
     return [line, *certainty_of_unknown(result), _at_floor(result)]
 
 
-def _beats(channels):
-    """What keeps a beat of its own, in words."""
-    beats = {c: own["beat"] for c, own in channels.items() if own.get("beat")}
-    if not beats:
-        return ""
-    told = joined([f"{c} at {number(b['frequency'])} Hz ({100 * b['share']:.0f} % of the squared error)"
-                   for c, b in beats.items()])
-    return (f" What is left keeps a beat all through the log, whatever the motion: {told}. Mains, a pump or a fan do "
-            "that, and no law of friction.")
+def of_no_motion(channels):
+    """What is left that follows no motion: held-out passes that differ, what is slower than noise, a beat.
+
+    Parameters
+    ----------
+    channels : dict
+        Of ``diagnosis.json``.
+
+    Returns
+    -------
+    list of str
+        Sentences; none where what is left follows the motion, or nothing is.
+    """
+    lines, unseen = [], _off_where_held_out(channels)
+    if unseen:
+        own = {c: channels[c] for c in unseen}
+        off = joined([f"{c} {number(v['held_out_error'])} instead of {number(v['error'])}" for c, v in own.items()])
+        lines.append(f"Held-out passes are off by far more than the fitted ones ({off}): they move as the fitted ones "
+                     "do not, or something changed before them. Fit more of the motion, or hold out other runs.")
+    slow = [c for c, own in channels.items() if own.get("slow") and not _repeats(own) and c not in unseen]
+    if slow:
+        lines.append(f"Most of what is left of {joined(slow)} is slower than noise and does not repeat: a reference "
+                     "that drifts, or a loss that changes with time.")
+    if beats := {c: own["beat"] for c, own in channels.items() if own.get("beat")}:
+        told = joined([f"{c} at {number(b['frequency'])} Hz ({100 * b['share']:.0f} % of the squared error)"
+                       for c, b in beats.items()])
+        lines.append(f"What is left keeps a beat all through the log, whatever the motion: {told}. Mains, a pump or a "
+                     "fan do that, and no law of friction.")
+    return lines
 
 
 def contested_of(result):

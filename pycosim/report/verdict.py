@@ -131,7 +131,8 @@ class Verdict:
             return [f"Any of these: {names}."]
         depends = [f"{sentences.worded(d['variable'])} ({100 * d['strength']:.0f} % of its energy)"
                    for d in told["residual_depends_on"] if d["strength"] > 0][:2]
-        lines = [f"What is left depends most on {sentences.joined(depends)}."] if depends else []
+        lines = sentences.of_no_motion(told["channels"])
+        lines += [f"What is left depends most on {sentences.joined(depends)}."] if depends else []
         left = told.get("unexplained")
         return lines + [left[key]["text"] for key in ("proposal", "free") if left and left.get(key)]
 
@@ -265,8 +266,12 @@ class Verdict:
                          f"that shows whether {_named(unsure['effect'], unsure['place'])} predicts what it was not "
                          "fitted to.")
         if self.last["verdict"] == "unexplained" and not contested:
+            beats = [c for c, own in self.last["channels"].items() if own.get("beat")]
             depends = next((d["variable"] for d in self.last["residual_depends_on"] if d["strength"] > 0), None)
-            if depends:
+            if beats:
+                found.append(f"Record {sentences.joined(beats)} while nothing moves, once with the drives on and once "
+                             "with them off: what beats then comes from elsewhere, and its source can be found.")
+            elif depends:
                 found.append(f"Repeat the same passes at several values of {sentences.worded(depends)}, all else "
                              "alike: what is left depends on it most, and its law shows then.")
         if self.added:

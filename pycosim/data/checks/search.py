@@ -41,6 +41,7 @@ _GAINED = 0.02  # relative error, noise apart, from which a gain is looked for
 _GAIN = 1.5  # factor by which it must lower it
 _FACTOR = 0.3  # relative error from which a torque may be off by a factor outside the next
 _SAME = 0.2  # logarithm within which two factors are one
+_STARTS = 4.0, 16.0  # times the study's values
 _PLAUSIBLE = 0.5, 2.0  # factors of a torque that a wrong torque constant may have
 
 
@@ -108,6 +109,16 @@ class Search:
         self.bad = [CLOSE if study.reference == "gravity_model" and getattr(r, "name", "") == "weight" else BAD
                     for r in relations]
         self.given = State(sources, self._hold(sources), [])
+        self.given.holds |= {k: self._from_elsewhere(k) for k in self._off(self.given)}
+
+    def _from_elsewhere(self, k):
+        """How well a relation holds in the log as given: a fit that sticks half-way is no mistake of the log."""
+        relation, found = self.relations[k], self.given.holds[k]
+        if isinstance(relation, RateRelation) or not relation.free:
+            return found
+        others = [relation.hold(self.readings, self.given.sources, start=start * relation.given[relation.at])
+                  for start in _STARTS]
+        return min([found, *others], key=_cost)
 
     def _hold(self, sources, known=None, changed=None):
         return {k: known[k] if known and not (r.variables & changed) else r.hold(self.readings, sources)
