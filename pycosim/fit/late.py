@@ -20,8 +20,10 @@ NEAR = 6  # samples either way of where it is known to be
 END = 0.05  # of the bounds' range, at either end, where the likelihood of what is no delay still grows
 MOST = 15000  # samples that delays are tried on
 PRESSED = 3.84  # fall of twice the log-likelihood at the ends of a 95 % interval
-RULED = 10.0  # times that fall, beyond which a delay is ruled out: over six standard errors
-OUTWARD = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, REACH)  # samples off, at which that is asked
+RULED = 6.0  # standard errors beyond which a delay is ruled out
+PART = 0.1  # of all squares, which no ruggedness is: far from the least one sample more changes them by many times that
+OUTWARD = (1, 1.5, 2, 2.5, 3, 4, 6, 8, 12, 16, 24, 32, REACH)  # samples off, at which that is asked
+CLOSE = 0.25  # samples from the delay that leaves least, within which a fit has come to it
 ROUNDS = 5
 SMOOTH = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 """Over half samples: each delay meets the noise of a jump with that of other samples, and what it leaves is rugged."""
@@ -94,11 +96,11 @@ def found(dataset, model, fit, names, part, known, again):
         tried = [known[name]] if name in known else step * np.arange(-REACH, REACH + 1)
         nearest = min((profile.at, *(d for d in tried if profile.low < d < profile.high)), key=profile.left)
         for _ in range(ROUNDS):
-            if abs(nearest - profile.at) > step:
+            if abs(nearest - profile.at) > CLOSE * step:
                 fit = again({**fit.parameters, name: float(nearest)}, names)
                 profile = Profile(dataset, model, fit, name, part, step)
             nearest = profile.least()
-            if abs(nearest - profile.at) <= step:
+            if abs(nearest - profile.at) <= CLOSE * step:
                 break
         fit.profiles[name] = Ends(*profile.interval(), *profile.ruled_out())
     return fit
@@ -191,7 +193,8 @@ class Profile:
         if len(some) < 4 * NEAR or not np.isfinite(left).all():
             return some, left, 0.0
         smooth = np.convolve(left, SMOOTH, "valid")
-        rugged = float(np.median(np.abs(np.diff(left, 4))) / 0.6745 / np.sqrt(70.0))  # of white noise: 1, 4, 6, 4, 1
+        bent = np.concatenate([np.diff(left[k::2], 4) for k in (0, 1)])  # between samples means lower the noise
+        rugged = float(np.median(np.abs(bent)) / 0.6745 / np.sqrt(70.0))  # of white noise: 1, 4, 6, 4, 1
         return some[2:-2], smooth, rugged
 
     def least(self):
@@ -226,7 +229,8 @@ class Profile:
             [s]
         """
         _, left, rugged = self._smoothed()
-        most = min(np.min(left, initial=np.inf), self.left(self.at)) + RULED * (PRESSED + 2 * rugged)
+        least = min(np.min(left, initial=np.inf), self.left(self.at))
+        most = least + RULED ** 2 + min(RULED * rugged, PART * least)
         ends = []
         for sign, bound in ((-1.0, self.low), (1.0, self.high)):
             tried = [self.at + sign * n * self.step for n in OUTWARD]
