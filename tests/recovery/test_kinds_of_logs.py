@@ -188,6 +188,15 @@ def test_a_delay_of_a_sample_and_a_half_is_no_three_samples(tmp_path):
     assert found.fit.parameters["time_delay_torque.d"] == pytest.approx(0.0307, abs=0.01)
 
 
+@pytest.mark.parametrize("case", ["short_gait:time_delay:2.4:60011", "multisine:time_delay:2.4:60019"])
+def test_a_delay_of_few_samples_in_ordinary_motion_is_no_friction_that_lags(case, tmp_path):
+    found = search.improve(Dataset(load_study(make(case, tmp_path, quick=True)), Library()))
+    assert [s.added for s in found.steps[1:]] == [("time_delay", "torque")], summary(found)
+    low, high = found.fit.interval("time_delay_torque.d")
+    true = {"short_gait": 0.01306, "multisine": 0.0094}[case.split(":")[0]]
+    assert 0 < low < true < high and found.last.verdict == "nothing_missing", (low, high)
+
+
 def test_a_loss_that_grows_in_time_is_no_warm_up(tmp_path):
     first, last, found, shown = hidden("outside_gait:wear:1.3:5101", tmp_path)
     assert (first, last, found) == ("unexplained", "unexplained", []), shown

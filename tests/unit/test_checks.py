@@ -190,6 +190,13 @@ def test_a_clock_that_drifts_for_a_minute_is_told_beside_slow_noise(seed, librar
     assert 0.002 < drift < 0.004, clock.mend
 
 
+@pytest.mark.long
+def test_a_fit_that_sticks_half_way_is_no_unit_of_the_torques(library, tmp_path):
+    """From losses of the study's size the fit ended at 0.93 N.m, and with all torques a hundredth at 0.25."""
+    asked = load_study(make("reference_gain:configuration_preload:2.4:60008", tmp_path, quick=True))
+    assert not checked(library, asked).blocking
+
+
 def test_an_encoder_in_slow_motion_is_not_stuck(library, tmp_path):
     asked = load_study(make("ordinary_digital:torque_offset:1.7:1921", tmp_path, quick=True))
     assert not checked(library, asked).blocking

@@ -270,6 +270,19 @@ def test_an_unexplained_residual_asks_for_what_it_depends_on(found):
     assert ">a guess</text>" in told["drawing"] and "stroke-width=\"3.5\"" not in told["drawing"]
 
 
+def test_a_beat_is_what_the_page_tells_first_and_asks_for(found):
+    dataset, improvement, _, _ = found
+    channel = next(iter(improvement.first.channels))
+    own = {**improvement.first.channels[channel], "beat": {"frequency": 3.37, "share": 0.66}}
+    left = replace(improvement.first, verdict="unexplained", unexplained=None,
+                   channels={**improvement.first.channels, channel: own},
+                   candidates=[replace(c, accepted=False) for c in improvement.first.candidates])
+    told = rows(Page(dataset, Improvement(left, left, improvement.steps[:1]), "x"))
+    assert f"{channel} at 3.37 Hz (66 % of the squared error)" in told["What is missing"]
+    assert f"Record {channel} while nothing moves" in told["Next experiment"]
+    assert "at several values" not in told["Next experiment"]
+
+
 @pytest.mark.parametrize(("channel", "said"), [
     ({"depends_on": [{"variable": "speed@2A", "strength": 0.3}], "slow": False},
      "Very likely: what is left of C_H depends on speed of 2A also in parts of the log that this was not fitted to, by "
