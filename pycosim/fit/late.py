@@ -25,6 +25,7 @@ PART = 0.1  # of all squares, which no ruggedness is: far from the least one sam
 OUTWARD = (1, 1.5, 2, 2.5, 3, 4, 6, 8, 12, 16, 24, 32, REACH)  # samples off, at which that is asked
 CLOSE = 0.25  # samples from the delay that leaves least, within which a fit has come to it
 ROUNDS = 5
+FAR = 6.0  # standard deviations, as which samples count that are further out, in a robust study
 SMOOTH = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 """Over half samples: each delay meets the noise of a jump with that of other samples, and what it leaves is rugged."""
 
@@ -145,6 +146,7 @@ class Profile:
     def __init__(self, dataset, model, fit, name, part, step):
         problem = dataset.residuals(model, fit.free, fit.parameters, part)
         self.problem = problem.thin(max(1, problem.n // MOST))
+        self.far = FAR if dataset.study.robust else np.inf  # a spike moved to where nothing is compared would decide
         self.fit, self.k, self.step, self._known = fit, fit.free.index(name), step, {}
         self.low, self.high = (getattr(fit.variables[name], end) for end in ("min", "max"))
         others = np.arange(len(fit.free)) != self.k
@@ -181,6 +183,7 @@ class Profile:
             else:
                 r = np.concatenate([n.whiten(r[None], self.problem.chain)[0]
                                     for n, r in zip(self.fit.noise, residual)])
+                r = np.clip(r, -self.far, self.far)
                 fall = bounded(self.gram, -self.rows @ r, *self.room)[0] if len(self.rows) else 0.0
                 self._known[delay] = float(r @ r - fall)
         return self._known[delay]
