@@ -122,7 +122,8 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
 
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
     are fitted as well, however low they rank. So is what could add the same as it does: an asymmetry of a loss that the
-    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss.
+    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss. A delay is
+    always fitted: a record that jumps where a segment turns is far from straight in it, and a score sees half of that.
 
     Parameters
     ----------
@@ -155,15 +156,17 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
         return min(some, key=lambda f: f.selection.white.sum())
 
     likely = [f for f in findings if f.p_value < 10 * LEVEL]
-    dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in likely[:REFITS]])
-    seen, unseen, asked, best = list(refitted(likely[:REFITS])), [], set(), None
+    late = [f for f in likely if "delay" in find_effect(dataset.library, f.effect).scan.values()]
+    first = likely[:REFITS] + [f for f in late if f not in likely[:REFITS]]
+    dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in first])
+    seen, unseen, asked, best = list(refitted(first)), [], set(), None
     while seen and (best := lowest([*seen, *unseen])).key not in asked:
         asked.add(best.key)  # what is fitted for its sake may be better, and has a kin of its own
         effects = {best.effect, *(f.effect for f in seen if twins(base, f, best))}
         rest = [f for f in findings if f not in seen and f not in unseen]
         unseen += refitted([f for f in rest if f.effect in effects and _unseen(dataset, model, fit, f)])
         akin = scores.akin(best.key, 1 - ALIKE)[:REFITS]
-        seen += refitted([f for f in likely[REFITS:] if f in rest and f not in unseen
+        seen += refitted([f for f in likely if f in rest and f not in first and f not in unseen
                           and (f.effect in effects or f.key in akin)])
     for f in [f for f in (*seen, *unseen) if f.effect == best.effect or f in unseen]:
         other = lowest([o for o in seen if o.effect == f.effect])
