@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ..compile import component_name
 from .bounded import bounded
@@ -25,6 +26,7 @@ PART = 0.1  # of all squares, which no ruggedness is: far from the least one sam
 OUTWARD = (1, 1.5, 2, 2.5, 3, 4, 6, 8, 12, 16, 24, 32, REACH)  # samples off, at which that is asked
 CLOSE = 0.25  # samples from the delay that leaves least, within which a fit has come to it
 ROUNDS = 5
+JUMP = 6.0 ** -0.5  # samples, the standard deviation of how late a jump seems that is sampled where it was and where it is
 FAR = 6.0  # standard deviations, as which samples count that are further out, in a robust study
 SMOOTH = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 """Over half samples: each delay meets the noise of a jump with that of other samples, and what it leaves is rugged."""
@@ -147,6 +149,9 @@ class Profile:
         problem = dataset.residuals(model, fit.free, fit.parameters, part)
         self.problem = problem.thin(max(1, problem.n // MOST))
         self.far = FAR if dataset.study.robust else np.inf  # a spike moved to where nothing is compared would decide
+        view = dataset.view(part)
+        there = view.i if dataset.paired else view
+        self.turns = int(sum(np.count_nonzero(np.diff(np.sign(s[there]))) for s in dataset.speeds))
         self.fit, self.k, self.step, self._known = fit, fit.free.index(name), step, {}
         self.low, self.high = (getattr(fit.variables[name], end) for end in ("min", "max"))
         others = np.arange(len(fit.free)) != self.k
@@ -214,6 +219,8 @@ class Profile:
     def interval(self):
         """Ends of the stretch round the fit's delay in which the likelihood falls by no more than noise makes it.
 
+        Nor is it narrower than samples can tell: a jump lies anywhere between two.
+
         Returns
         -------
         (float, float)
@@ -221,7 +228,8 @@ class Profile:
         """
         some, left, rugged = self._smoothed()
         inside = some[left <= np.min(left, initial=np.inf) + PRESSED + 2 * rugged]
-        return float(min(self.at, *inside[:1])), float(max(self.at, *inside[-1:]))
+        least = stdtrit(self.fit.dof, 0.975) * JUMP * self.step / np.sqrt(self.turns) if self.turns else 0.0
+        return float(min(self.at - least, *inside[:1])), float(max(self.at + least, *inside[-1:]))
 
     def ruled_out(self):
         """The nearest delays either way that the likelihood rules out; bounds, where it rules out none.
