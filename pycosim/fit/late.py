@@ -26,7 +26,7 @@ PART = 0.1  # of all squares, which no ruggedness is: far from the least one sam
 OUTWARD = (1, 1.5, 2, 2.5, 3, 4, 6, 8, 12, 16, 24, 32, REACH)  # samples off, at which that is asked
 CLOSE = 0.25  # samples from the delay that leaves least, within which a fit has come to it
 ROUNDS = 5
-JUMP = 6.0 ** -0.5  # samples, the standard deviation of how late a jump seems that is sampled where it was and where it is
+JUMP = 6.0 ** -0.5  # samples: standard deviation of the delay that a jump tells, which lies anywhere between two
 FAR = 6.0  # standard deviations, as which samples count that are further out, in a robust study
 SMOOTH = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 """Over half samples: each delay meets the noise of a jump with that of other samples, and what it leaves is rugged."""
