@@ -24,7 +24,8 @@ PRESSED = 3.84  # fall of twice the log-likelihood at the ends of a 95 % interva
 RULED = 6.0  # standard errors beyond which a delay is ruled out
 PART = 0.1  # of all squares, which no ruggedness is: far from the least one sample more changes them by many times that
 OUTWARD = (1, 1.5, 2, 2.5, 3, 4, 6, 8, 12, 16, 24, 32, REACH)  # samples off, at which that is asked
-CLOSE = 0.25  # samples from the delay that leaves least, within which a fit has come to it
+CLOSE = 0.75  # samples from the delay that leaves least, within which a fit has mostly come to it
+HALF = 0.6  # of the squares, that a delay within that leaves where more than means between samples lower them
 ROUNDS = 5
 JUMP = 6.0 ** -0.5  # samples: standard deviation of the delay that a jump tells, which lies anywhere between two
 FAR = 6.0  # standard deviations, as which samples count that are further out, in a robust study
@@ -99,14 +100,20 @@ def found(dataset, model, fit, names, part, known, again):
         tried = [known[name]] if name in known else step * np.arange(-REACH, REACH + 1)
         nearest = min((profile.at, *(d for d in tried if profile.low < d < profile.high)), key=profile.left)
         for _ in range(ROUNDS):
-            if abs(nearest - profile.at) > CLOSE * step:
+            if _far(profile, nearest):
                 fit = again({**fit.parameters, name: float(nearest)}, names)
                 profile = Profile(dataset, model, fit, name, part, step)
             nearest = profile.least()
-            if abs(nearest - profile.at) <= CLOSE * step:
+            if not _far(profile, nearest):
                 break
         fit.profiles[name] = Ends(*profile.interval(), *profile.ruled_out())
     return fit
+
+
+def _far(profile, delay):
+    """Whether a fit has not come to a delay that leaves less; between two samples means lower the noise."""
+    return (abs(delay - profile.at) > CLOSE * profile.step
+            or profile.left(delay) < HALF * profile.left(profile.at))
 
 
 def endless(fit):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -109,10 +110,14 @@ class Search:
         self.bad = [CLOSE if study.reference == "gravity_model" and getattr(r, "name", "") == "weight" else BAD
                     for r in relations]
         self.given = State(sources, self._hold(sources), [])
-        self.given.holds |= {k: self._from_elsewhere(k) for k in self._off(self.given)}
+
+    @cached_property
+    def _fair(self):
+        """The log as given, fitted from several starts: a fit that sticks half-way is no mistake of the log."""
+        return State(self.given.sources, {**self.given.holds, **{k: self._from_elsewhere(k) for k in self._off(
+            self.given)}}, [])
 
     def _from_elsewhere(self, k):
-        """How well a relation holds in the log as given: a fit that sticks half-way is no mistake of the log."""
         relation, found = self.relations[k], self.given.holds[k]
         if isinstance(relation, RateRelation) or not relation.free:
             return found
@@ -174,7 +179,7 @@ class Search:
 
     def _decisive(self, state, rivals):
         """The state, or the log as given where the changes do not explain what is wrong."""
-        while state.changes and not (decisive(self.given, state, self.bad) and self._no_zero(state)):
+        while state.changes and not (decisive(self._fair, state, self.bad) and self._no_zero(state)):
             state, rivals = self._replayed(state.changes[:-1]), rivals[:-1]
         return state, rivals
 
