@@ -123,7 +123,7 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
     are fitted as well, however low they rank. So is what could add the same as it does: an asymmetry of a loss that the
     base model takes for small is the offset that is missing, and takes a part of it for lack of that loss. A delay is
-    always fitted: a record that jumps where a segment turns is far from straight in it, and a score sees half of that.
+    always fitted: a record that jumps where a segment turns is far from straight in it, and a score sees little of it.
 
     Parameters
     ----------
@@ -156,8 +156,8 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
         return min(some, key=lambda f: f.selection.white.sum())
 
     likely = [f for f in findings if f.p_value < 10 * LEVEL]
-    late = [f for f in likely if "delay" in find_effect(dataset.library, f.effect).scan.values()]
-    first = likely[:REFITS] + [f for f in late if f not in likely[:REFITS]]
+    first = likely[:REFITS] + [f for f in likely[REFITS:]
+                               if "delay" in find_effect(dataset.library, f.effect).scan.values()]
     dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in first])
     seen, unseen, asked, best = list(refitted(first)), [], set(), None
     while seen and (best := lowest([*seen, *unseen])).key not in asked:
