@@ -34,6 +34,12 @@ class Selection:
         Noise that each sample should show, in the channels' units.
     driven : ndarray of bool, shape (any, n)
         Which of the segments drive their loads.
+    left : dict of str to ndarray, shape (channels, compared samples)
+        By kind of error, ``raw`` and ``white``: the residual that it is made of.
+    index : ndarray of int, shape (compared samples,)
+        The block of each of them.
+    thin : int
+        Of so many samples one is compared.
     """
 
     channels: np.ndarray
@@ -41,6 +47,9 @@ class Selection:
     white: np.ndarray
     level: np.ndarray
     driven: np.ndarray
+    left: dict
+    index: np.ndarray
+    thin: int
 
     @property
     def usual(self):
@@ -86,21 +95,26 @@ def select(dataset, model, fit, noise, beside=None):
     blocks, index = np.unique(problem.block, return_inverse=True)
     size = len(fit.free) + 1
     raw = np.zeros((len(noise), len(blocks), size, size))
-    white, chain, pieces = np.zeros_like(raw), problem.chain, contiguous(problem.time, problem.group)
+    white, chain, pieces, whitened = np.zeros_like(raw), problem.chain, contiguous(problem.time, problem.group), []
     for c, w in enumerate(fit.weights):
         rows = np.concatenate([slope[c], residual[c][None]])
-        for found, values in ((raw[c], w * rows), (white[c], noise[c].whiten(rows, chain))):
+        whitened.append(noise[c].whiten(rows, chain))
+        for found, values in ((raw[c], w * rows), (white[c], whitened[c])):
             for s in pieces:
                 found[index[s.start]] += values[:, s] @ values[:, s].T
     low = np.array([fit.variables[n].min for n in fit.free]) - fit.values
     high = np.array([fit.variables[n].max for n in fit.free]) - fit.values
-    fold = dataset.fold[blocks]
+    fold, total = dataset.fold[blocks], white.sum((0, 1))
     errors = [_cross_validate(raw, fold, low, high), _cross_validate(raw, fold, low, high, 0.0),
               _predictive(white, fold, low, high)]
     if dataset.by_run:  # the blocks of a log share its conditions
         own = np.unique(dataset.blocks.run[blocks], return_inverse=True)[1]
         errors = [np.array([np.bincount(own, of_channel) for of_channel in e]) for e in errors]
-    return Selection(*errors[:2], errors[2].sum(0), whole, branch)
+        index = own[index]
+    y = np.r_[-bounded(total[:-1, :-1], total[:-1, -1], low, high)[1], 1.0]
+    left = {"raw": residual - np.einsum("i,cij->cj", -y[:-1], slope), "white": np.array([y @ w for w in whitened])}
+    left["raw"] *= fit.weights[:, None]
+    return Selection(*errors[:2], errors[2].sum(0), whole, branch, left, index, thin)
 
 
 def _in_branches(level, own, beside, branch):
@@ -152,6 +166,41 @@ def _predictive(gram, fold, low, high):
         risen = (whole[-1, -1] - kept) - (rest[-1, -1] - gained) - error[:, inside].sum()
         error[:, inside] += risen / error[:, inside].size
     return error
+
+
+def gap(one, other, kind):
+    """By how much one of two rivals errs more than another on unseen folds, and the standard error of that.
+
+    What two models predict apart tells how far their errors differ where one of them is right, block by block: by its
+    squares, up or down, give or take twice their root in units of the noise. A block in which they predict the same
+    tells nothing of them, and no more of the error than it has samples. The noise is at least what it was found to be,
+    of the whitened error; and more where the differences are not in proportion to those squares.
+
+    Parameters
+    ----------
+    one, other : Selection
+        Of the same folds at one noise level.
+    kind : str
+        Of the error: ``white`` or ``raw``.
+
+    Returns
+    -------
+    total, stderr : float
+
+    References
+    ----------
+    .. [1] Cox, D. R. (1962). Further results on tests of separate families of hypotheses. Journal of the Royal
+           Statistical Society B 24(2), 406-424.
+    """
+    d = getattr(one, kind) - getattr(other, kind)
+    apart = np.bincount(one.index, ((one.left[kind] - other.left[kind]) ** 2).sum(0), len(d))
+    least = 1.0 if kind == "white" else 0.0 if len(d) > 1 else np.inf
+    whole = apart.sum()
+    if whole <= 0.0:
+        return float(d.sum()), 0.0
+    off = d - d.sum() / whole * apart
+    spread = (off[apart > 0] ** 2 / apart[apart > 0]).sum() / max(np.count_nonzero(apart > 0) - 1, 1)
+    return float(d.sum()), float(np.sqrt(whole * max(spread, 4.0 * least)))
 
 
 def difference(a, b):

@@ -29,7 +29,7 @@ from .rhythm import rhythms
 from .rivals import behind, by_kind, plainly_better, too_many, twins
 from .scores import LEVEL, Scores
 from .table import Table
-from .trials import as_findings, fit_to_all, pressed, refit_best
+from .trials import BETWEEN, as_findings, fit_to_all, pressed, refit_best
 
 TOO_FEW = "there are too few passes to see whether it predicts one that it was not fitted to"
 NOTHING = "its interval holds zero, so that something else is at work"
@@ -265,6 +265,7 @@ def _decide(findings, rivals, base, refines, steady):
     for other in by_kind(others):
         best.twins.append({"effect": other.effect, "place": other.place})
         other.twins.append({"effect": best.effect, "place": best.place})
+        best.uncounted |= {other.key} if other.refused == BETWEEN else set()
     best.contested = constant and too_many(best, refines)  # one that varies is none of them
     best.accepted = constant and not best.contested
     best.provisional = not best.accepted

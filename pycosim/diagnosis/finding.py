@@ -7,7 +7,19 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Finding:
-    """What the diagnosis says of one effect at one place."""
+    """What the diagnosis says of one effect at one place.
+
+    Attributes
+    ----------
+    twins : list of dict
+        Candidates that these data cannot tell from it, each with ``effect`` and ``place``.
+    together : list of list of dict
+        Pairs of others that do better, with as many coefficients, but not by enough to be chosen of so many pairs.
+    uncounted : set of (str, str)
+        Twins that are over between two samples: each may be what it is, and none is a name of its own.
+    contested : bool
+        So many, or a pair, do as well that its name would be drawn by lot.
+    """
 
     effect: str
     place: str
@@ -19,6 +31,8 @@ class Finding:
     held_out_error: dict | None = None
     coefficients: dict = field(default_factory=dict)
     twins: list = field(default_factory=list)
+    together: list = field(default_factory=list)
+    uncounted: set = field(default_factory=set)
     start: dict = field(default_factory=dict)
     sizes: dict = field(default_factory=dict)
     provisional: bool = False
@@ -105,12 +119,27 @@ class Diagnosis:
             The provisional one, or one of a pair that was fitted together.
         """
         for other in self.candidates:
-            other.provisional = other.contested = False
+            other.accepted = other.provisional = other.contested = False
         known = next(c for c in self.candidates if c.key == finding.key)
         finding.accepted, finding.provisional, finding.contested = True, False, False
         finding.predicted_error = known.predicted_error
         self.candidates = [finding, *(c for c in self.candidates if c is not known)]
         self.verdict, self.unexplained, self.later = "missing_effect", None, None
+
+    def contest(self, pairs):
+        """Take back the winner: pairs of other effects do as well, with as many coefficients.
+
+        Parameters
+        ----------
+        pairs : list of ((str, str), (str, str))
+            Effect and place of either.
+        """
+        best = self.winner
+        best.accepted, best.provisional, best.contested = False, True, True
+        best.together = [[{"effect": e, "place": p} for e, p in pair] for pair in pairs]
+        for own in self.channels.values():
+            own["verdict"] = "unexplained" if own["verdict"] == "missing_effect" else own["verdict"]
+        self.verdict = "unexplained"
 
     @property
     def contested(self):

@@ -14,9 +14,9 @@ import numpy as np
 from ..compile import compile_model
 from ..core.errors import PycosimError
 from ..fit import least_squares
-from .crossval import select
+from .crossval import gap, select
 from .finding import Finding
-from .rivals import alike, by_kind
+from .rivals import SEPARATE, alike, behind, by_kind
 from .scores import LEVEL, Scores
 from .table import Table
 from .trials import TRIAL, holds_nothing, measure, start_of
@@ -47,6 +47,8 @@ class Pair:
         Of the fit with both.
     findings : list of Finding
         One of either effect.
+    clear : bool
+        Whether it does better than the one effect that it may be in the place of, by more than luck of so many pairs.
     """
 
     candidates: tuple
@@ -58,6 +60,7 @@ class Pair:
     fit: object = None
     selection: object = None
     findings: list = field(default_factory=list)
+    clear: bool = False
 
     @property
     def keys(self):
@@ -71,7 +74,7 @@ class Pair:
         return self.coefficients[:n], self.coefficients[n:]
 
 
-def fitted(dataset, base, keys, fit, seed, progress):
+def fitted(dataset, base, keys, fit, seed, progress, rival=None):
     """The pairs that most may be said for beside some effects, fitted; best first on unseen folds.
 
     Parameters
@@ -88,10 +91,13 @@ def fitted(dataset, base, keys, fit, seed, progress):
         Of the scores' draws.
     progress : callable or None
         Called with a sentence before each fit.
+    rival : Finding, optional
+        One effect that does what two may do: pairs are wanted that have no more coefficients, and predict more.
 
     Returns
     -------
     list of Pair
+        Both of each more than chance; beside a rival all that do better, of which some are ``clear``.
     """
     without = compile_model(dataset.library, base.rig, [*base.keys, *keys])
     lacking = least_squares.fit(dataset, without, fit.parameters)
@@ -99,7 +105,7 @@ def fitted(dataset, base, keys, fit, seed, progress):
     table = Table(here, without, lacking)
     scores = Scores(table, seed)
     alone, found = select(here, without, lacking, scores.single), []
-    for k, pair in enumerate(some := likely(scores, REFITS), 1):
+    for k, pair in enumerate(some := likely(scores, REFITS, rival), 1):
         if progress:
             progress(f"refitting with {' and '.join('@'.join(key) for key in pair.keys)}, {k} of {len(some)}")
         starts = {n: v for c, own in zip(pair.candidates, pair.shares) for n, v in start_of(c, own).items()}
@@ -113,8 +119,28 @@ def fitted(dataset, base, keys, fit, seed, progress):
         pair.selection = select(here, pair.model, pair.fit, scores.single, alone)
         found.append(pair)
     _tell(scores, table, alone, found)
-    return [p for p in found if all(f.p_value < LEVEL and not holds_nothing(p.model, f, attached)
-                                    for f, attached in zip(p.findings, p.model.attached[-2:]))]
+    certain = [p for p in found if all(f.p_value < LEVEL and not holds_nothing(p.model, f, attached)
+                                       for f, attached in zip(p.findings, p.model.attached[-2:]))]
+    if rival is None:
+        return certain
+    for pair in certain:
+        pair.clear = _outdoes(pair.selection, rival.selection, len(scores.results))
+    return [p for p in found if _better(p.selection, rival.selection)]
+
+
+def _better(pair, rival):
+    """Whether two effects err less on unseen folds than one, in both kinds of error."""
+    return pair.white.sum() < rival.white.sum() and pair.raw.sum() < rival.raw.sum()
+
+
+def _outdoes(pair, rival, candidates):
+    """Whether two effects are chosen for one that has as many coefficients.
+
+    By what tells two rivals apart, and by what it takes to be chosen by luck of so many more: of n candidates there are
+    n / 2 times as many pairs.
+    """
+    least = 2.0 * SEPARATE ** 2 + 2.0 * np.log(max(candidates / 2, 1.0))
+    return gap(rival, pair, "white")[0] > least and "raw" not in behind(pair, rival)
 
 
 def _tell(scores, table, alone, found):
@@ -155,7 +181,7 @@ def instead(near, finding, other):
     return finding.twins + [{"effect": e, "place": p} for e, p in dict.fromkeys(f.key for f in by_kind(new))]
 
 
-def likely(scores, most):
+def likely(scores, most, rival=None):
     """The pairs that explain most together, each at its best grid points.
 
     Parameters
@@ -164,13 +190,16 @@ def likely(scores, most):
         Of the model that lacks both.
     most : int
         Pairs that are wanted.
+    rival : Finding, optional
+        Pairs explain more than it with as many coefficients at most.
 
     Returns
     -------
     list of Pair
         Best first, within the coefficients' bounds; no two effects at one component are the same.
     """
-    candidates = [s.candidate for s in scores.results if s.visible]
+    largest, least = _limits(scores, rival)
+    candidates = [s.candidate for s in scores.results if s.visible and _size(s.candidate) < largest]
     if len(candidates) < 2:
         return []
     first, cross, size = _whitened(scores, candidates)
@@ -180,11 +209,19 @@ def likely(scores, most):
         for other in np.argsort(-taken)[:4 * most]:
             keys = frozenset((candidate.key, candidates[other].key))
             if np.isfinite(taken[other]) and taken[other] > best.get(keys, (0.0,))[0] and _apart(
-                    candidate, candidates[other]):
+                    candidate, candidates[other]) and _size(candidate) + _size(candidates[other]) <= largest:
                 best[keys] = taken[other], candidate, candidates[other]
     ordered = sorted(best.values(), key=lambda found: -found[0])[:20 * most]
-    pairs = [Pair((a, b), *scores.fall(a, b)) for _, a, b in ordered]
+    pairs = [p for _, a, b in ordered if (p := Pair((a, b), *scores.fall(a, b))).value > least]
     return _varied(sorted(pairs, key=lambda p: -(p.value - 2 * sum(map(_size, p.candidates)))), most)
+
+
+def _limits(scores, rival):
+    """How many coefficients a pair may have, and what it must explain, in the place of one effect."""
+    if rival is None:
+        return np.inf, 0.0
+    own = max((s for s in scores.results if s.candidate.key == rival.key), key=lambda s: s.surprise)
+    return _size(own.candidate), max(own.value, scores.refined.get(rival.key, own).value)
 
 
 def _size(candidate):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .crossval import difference
+from .crossval import difference, gap
 
 ALIKE = 0.2  # of what the best takes away, that an alternative may leave
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
@@ -36,9 +36,9 @@ def alike(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
     """
     least = {"white": 2.0 * errors ** 2, "raw": PLAIN * best.raw.sum()}
     for kind in kinds:
-        one, two, none = (getattr(s, kind) for s in (other, best, base))
-        gap, spread = difference(one, two)
-        if gap >= least[kind] and not (gap <= errors * spread and gap < ALIKE * difference(none, two)[0]):
+        more, spread = gap(other, best, kind)
+        taken = difference(getattr(base, kind), getattr(best, kind))[0]
+        if more >= least[kind] and not (more <= errors * spread and more < ALIKE * taken):
             return False
     return True
 
@@ -58,8 +58,8 @@ def behind(one, other):
     """
     least, found = {"white": 2.0 * SEPARATE ** 2, "raw": PLAIN * one.raw.sum()}, []
     for kind in least:
-        gap, spread = difference(getattr(one, kind), getattr(other, kind))
-        found += [kind] if gap > max(SEPARATE * spread, least[kind]) else []
+        more, spread = gap(one, other, kind)
+        found += [kind] if more > max(SEPARATE * spread, least[kind]) else []
     return found
 
 
@@ -104,8 +104,8 @@ def plainly_better(base, earned):
     best = earned[0]
     fall, better = difference(base.white, best.selection.white)[0], []
     for f in earned[1:]:
-        gap, error = difference(f.selection.white, best.selection.white)
-        if gap <= SEPARATE * error and gap < ALIKE * fall and "raw" in behind(best.selection, f.selection):
+        more, error = gap(f.selection, best.selection, "white")
+        if more <= SEPARATE * error and more < ALIKE * fall and "raw" in behind(best.selection, f.selection):
             better.append(f)
     return min(better, key=lambda f: f.selection.raw.sum()) if better else best
 
@@ -134,7 +134,8 @@ def too_many(finding, refines):
     """Whether so many others do as well as a finding that none of them is a name.
 
     Few effects at many places are no such case: one that acts at one stage or at another is known. Nor is a correction
-    of an effect that is among them one more: it does as well because that does.
+    of an effect that is among them one more: it does as well because that does. One that is over between two samples
+    would not be named by itself.
 
     Parameters
     ----------
@@ -147,5 +148,6 @@ def too_many(finding, refines):
     -------
     bool
     """
-    named = {finding.effect, *(t["effect"] for t in finding.twins)}
-    return sum(refines.get(t["effect"]) not in named for t in finding.twins) > CONTESTED and len(named) > KINDS
+    counted = [t for t in finding.twins if (t["effect"], t["place"]) not in finding.uncounted]
+    named = {finding.effect, *(t["effect"] for t in counted)}
+    return sum(refines.get(t["effect"]) not in named for t in counted) > CONTESTED and len(named) > KINDS

@@ -20,6 +20,7 @@ from .trials import TRIAL, nudged, pressed
 
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
+SHOWN = 3  # pairs that are told where they do better than one effect
 TOGETHER = 3  # effects of a ladder up to which two are looked for, or exchanged, at once
 
 
@@ -317,8 +318,11 @@ def _first(dataset, steps, seed, progress):
     found = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + len(steps) - 1, progress, False)
     ahead, last = _ahead(dataset, steps, found, seed, progress) if found.provisional else (None, None)
     alone = last is not None and found.contested and last.verdict == "nothing_missing"
-    if ahead is None and found.verdict == "unexplained" and not alone and len(steps) + 1 <= TOGETHER:
-        ahead, last = _together(dataset, steps, seed, progress)
+    if ahead is None and len(steps) + 1 <= TOGETHER:
+        if found.winner:
+            ahead, last = _doubled(dataset, steps, found, seed, progress)
+        elif found.verdict == "unexplained" and not alone:
+            ahead, last = _together(dataset, steps, seed, progress)
     if ahead is None:
         return found, steps, found
     found.accept(ahead[len(steps)].finding)
@@ -587,6 +591,26 @@ def _gained(fulls, pair):
     return gains[0][0] + 2 * spared if clear or (spared > 0 and near) else 0.0, near
 
 
+def _doubled(dataset, steps, found, seed, progress):
+    """The ladder with two effects of one coefficient in the place of a winner of several, and its diagnosis; or None.
+
+    A spring about a joint does, to the noise, what a wrong zero of the reference does beside a wrong torque constant.
+    Where a pair predicts better by more than the luck of so many pairs, it is what is missing. Where one is better at
+    all, nobody knows which of both it is, and the winner is none.
+    """
+    if len(found.winner.coefficients) < 2:
+        return None, None
+    keys = [s.added for s in steps[1:]]
+    some = pairs.fitted(dataset, steps[0].model, keys, steps[-1].fit, seed, progress, found.winner)
+    for pair in [p for p in some if p.clear][:1]:
+        ahead, last = _followed(dataset, steps, pair, seed, progress)
+        if ahead is not None:
+            return ahead, last
+    if some:
+        found.contest([p.keys for p in some[:SHOWN]])
+    return None, None
+
+
 def _together(dataset, steps, seed, progress):
     """The ladder with two more effects at once, and a third where they need it, and its diagnosis; or None.
 
@@ -595,8 +619,11 @@ def _together(dataset, steps, seed, progress):
     """
     keys = [s.added for s in steps[1:]]
     pair = next(iter(pairs.fitted(dataset, steps[0].model, keys, steps[-1].fit, seed, progress)), None)
-    if pair is None:
-        return None, None
+    return (None, None) if pair is None else _followed(dataset, steps, pair, seed, progress)
+
+
+def _followed(dataset, steps, pair, seed, progress):
+    """The ladder with a pair of effects, and a third where they need it, and its diagnosis; or None."""
     path = _joined(dataset, steps[0], steps[1:], pair)
     while True:
         last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)

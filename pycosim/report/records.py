@@ -128,8 +128,9 @@ def diagnosis(found, dataset):
         effect beside which a candidate's evidence vanishes; ``refused``, why a refitted candidate is no finding;
         ``varies_with``, what the coefficient of one that stands in for another law differs over, and
         ``outweighed_by``, what explains much of what it leaves; ``contested``, one that is not added because
-        more than five others do as well; ``channels``, what each channel says for itself; the cards of `cards`, what
-        the log varies, and where an unexplained residual lives.
+        more than five others, or two at once, do as well; ``together``, pairs of effects that do better than one
+        with as many coefficients, but not by enough to be chosen of so many pairs; ``channels``, what each channel says
+        for itself; the cards of `cards`, what the log varies, and where an unexplained residual lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
                   "units": dataset.units,
@@ -163,7 +164,7 @@ def _candidate(c, library, error):
             "p_value_single": c.p_value_single, "predicted_error": c.predicted_error,
             "predicted_fall": cards.fall(error, c.predicted_error), "held_out_error": c.held_out_error or None,
             "coefficients": c.coefficients or _expected(c, library), "conditional": c.fit is not None,
-            "alternatives": c.twins, "twins": c.twins, "refitted": c.fit is not None,
+            "alternatives": c.twins, "twins": c.twins, "together": c.together, "refitted": c.fit is not None,
             "explained_by": c.explained_by, "refused": c.refused,
             "varies_with": c.varies_with if c.provisional else None,
             "outweighed_by": c.outweighed_by if c.provisional else None,

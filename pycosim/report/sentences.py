@@ -550,13 +550,33 @@ def _contested(result, final):
     best = contested_of(result)
     if best is None:
         return []
-    some = [best, *best["twins"]]
-    lines = [f"Something {'else ' if final else ''}is missing, and {len({c['effect'] for c in some})} effects of the "
-             f"library explain it equally well, too many to name one: {joined(_names(some))}.",
+    lines = [f"Something {'else ' if final else ''}is missing, and {equals(best)}.",
              f"Error with the first of them, predicted: "
              f"{change_text(result['error'], best['predicted_error'], result['units'])}. Where you know which, or "
              f"any will do, 'pycosim add STUDY {best['effect']}@{best['place']}' adds it."]
     return lines + ([f"To tell them apart, {best['experiment']}."] if best["experiment"] else [])
+
+
+def equals(best):
+    """What explains equally well what is missing, in words.
+
+    Parameters
+    ----------
+    best : dict
+        A candidate of ``diagnosis.json`` that is not added for that.
+
+    Returns
+    -------
+    str
+        An end of a sentence.
+    """
+    some = joined(_names([best, *best["twins"]]))
+    if best.get("together"):
+        two = [" with ".join(_names(pair)) for pair in best["together"]]
+        return (f"two effects at once explain it no worse than one that has as many coefficients: {' or '.join(two)}; "
+                f"or {some}")
+    kinds = {c["effect"] for c in [best, *best["twins"]]}
+    return f"{len(kinds)} effects of the library explain it equally well, too many to name one: {some}"
 
 
 def certainty_of_unknown(result):

@@ -91,6 +91,9 @@ class Verdict:
         contested = sentences.contested_of(self.first)
         if contested:
             kinds = {c["effect"] for c in [contested, *contested["twins"]]}
+            if contested.get("together"):
+                return (f"Something is missing: {_named(contested['effect'], contested['place'])}, or two effects at "
+                        "once that explain it as well")
             return f"Something is missing, and {len(kinds)} effects explain it equally well"
         if unsure := sentences.unconfirmed(self.first):
             return f"Too few passes to tell whether the model lacks {_named(unsure['effect'], unsure['place'])}"
@@ -127,8 +130,7 @@ class Verdict:
     def _unknown(self, told):
         """What a residual that no effect explains depends on, and a guess of its shape; or which explain it alike."""
         if contested := sentences.contested_of(told):
-            names = sentences.joined([_named(c["effect"], c["place"]) for c in [contested, *contested["twins"]]])
-            return [f"Any of these: {names}."]
+            return [f"{_capital(sentences.equals(contested))}."]
         depends = [f"{sentences.worded(d['variable'])} ({100 * d['strength']:.0f} % of its energy)"
                    for d in told["residual_depends_on"] if d["strength"] > 0][:2]
         lines = sentences.of_no_motion(told["channels"])
