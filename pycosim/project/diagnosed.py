@@ -50,7 +50,7 @@ class Candidate(Shown):
 
     @property
     def contested(self) -> bool:
-        """Whether it would be added, did not more than five others do as well."""
+        """Whether it would be added, did not more than five others, or two at once, do as well."""
         return bool(self.record.get("contested"))
 
     @property
@@ -62,6 +62,11 @@ class Candidate(Shown):
     def alternatives(self) -> list[str]:
         """Candidates that these data cannot tell from it (indistinguishable alternatives)."""
         return [f"{t['effect']}@{t['place']}" for t in self.record["twins"]]
+
+    @property
+    def together(self) -> list[list[str]]:
+        """Pairs of others that do better with as many coefficients, too little to be chosen of so many pairs."""
+        return [[f"{t['effect']}@{t['place']}" for t in pair] for pair in self.record.get("together", [])]
 
     @property
     def predicted_error(self) -> dict[str, float]:

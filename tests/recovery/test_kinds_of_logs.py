@@ -223,6 +223,25 @@ def test_the_friction_of_a_mesh_is_no_noise(tmp_path):
     assert first["variable"] == "angle@2B" and first["strength"] > 0.4, first
 
 
+@pytest.mark.parametrize("case", [
+    "reference_zero:torque_constant:1.3:60029", "reference_zero:direction_asymmetry:1.7:60001"])
+def test_two_effects_that_do_what_a_spring_does_leave_it_no_name(case, tmp_path):
+    """A wrong zero of a computed reference beside a wrong constant was a spring about the joint, and nothing else."""
+    project = pc.open(make(case, tmp_path, quick=True))
+    found = project.fit().diagnose()
+    best = found.candidates[0]
+    assert found.verdict == "unexplained" and best.contested and best.name == "joint_spring@hip"
+    assert best.together and all("reference_zero@hip" in pair for pair in best.together)
+    said = " ".join(sentences.summary_diagnosis(found.record))
+    assert "two effects at once explain it no worse" in said and "joint_spring at hip" in said
+
+
+def test_a_spring_is_named_where_no_two_effects_do_as_well_and_what_is_over_at_once_is_not_counted(tmp_path):
+    """A hysteresis that was over between two samples, at two places, made them too many for a name."""
+    first, last, found, said = hidden("load_model:joint_spring:1.7:72000", tmp_path)
+    assert (first, last, found) == ("missing_effect", "nothing_missing", [("joint_spring", "knee")]), said
+
+
 def test_one_of_many_that_do_equally_well_is_no_name(tmp_path):
     """An offset of the reference, under loads that hardly change, does what a gain and four others do."""
     data = Dataset(load_study(make("reference_offset:none::15000", tmp_path, quick=True)), Library())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pycosim.compile import Library, compile_model
-from pycosim.diagnosis.crossval import Selection, _cross_validate, _in_branches, _predictive
+from pycosim.diagnosis.crossval import Selection, _cross_validate, _in_branches, _predictive, difference, gap
 from pycosim.diagnosis.decide import _considered
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.rivals import CONTESTED, KINDS, alike, too_many
@@ -15,6 +15,7 @@ from pycosim.fit.bounded import bounded
 from pycosim.fit.least_squares import Fit
 
 FREE = np.full(2, np.inf)
+BLOCKS, EACH = 7, 400
 
 
 def totals(columns, y, fold):
@@ -51,6 +52,54 @@ def test_the_plain_error_of_what_the_other_folds_do_not_tell_is_no_extrapolation
 def test_the_error_of_prediction_of_the_right_law_is_the_noise(alone):
     found = np.array([world(seed, alone)[0][1] for seed in range(40)])
     assert abs(found.mean() - 1000) < 4 * np.sqrt(2 * 1000 / 40)
+
+
+def residual_of(left):
+    """A selection whose residual is so, in blocks of equal length."""
+    index = np.repeat(np.arange(BLOCKS), EACH)
+    squares, level = np.bincount(index, left**2)[None], np.ones((1, len(left)))
+    return Selection(squares, squares, squares[0], level, np.zeros((0, 1), dtype=bool),
+                     {"raw": left[None], "white": left[None]}, index, 1)
+
+
+@pytest.mark.parametrize(("kind", "apart"), [
+    ("white", np.ones(BLOCKS)), ("raw", np.ones(BLOCKS)), ("white", np.array([0.0, 0.0, 0.0, 0.1, 0.1, 3.0, 1.0])),
+    ("raw", np.array([0.5, 0.5, 0.5, 0.5, 0.5, 1.0, 2.0]))])
+def test_a_gap_is_off_by_its_error_however_unequal_the_blocks(kind, apart):
+    """The right one of two leaves noise, the other what they predict apart besides, in some blocks most of it."""
+    rng, off = np.random.default_rng(0), []
+    for _ in range(300):
+        shape = 0.2 * np.repeat(apart, EACH) * rng.standard_normal(BLOCKS * EACH)
+        noise = rng.standard_normal(BLOCKS * EACH)
+        total, spread = gap(residual_of(noise + shape), residual_of(noise), kind)
+        off.append((total - (shape**2).sum()) / spread)
+    assert 0.7 < np.std(off) < 1.3 and abs(np.mean(off)) < 0.3
+
+
+def test_blocks_in_which_rivals_say_the_same_do_not_make_them_alike():
+    """One block alone tells: the spread over blocks is as large as the gap, and the rival stood as an alternative."""
+    rng, told = np.random.default_rng(1), []
+    for _ in range(100):
+        noise, shape = rng.standard_normal((2, BLOCKS * EACH))
+        rival = residual_of(noise + 0.5 * shape * np.repeat(np.arange(BLOCKS) == 2, EACH))
+        best, base = residual_of(noise), residual_of(noise + 2.0 * shape)
+        total, spread = difference(rival.white, best.white)
+        told.append((alike(base, rival, best, kinds=("white",)), total <= 1.645 * spread))
+    now, before = np.mean(told, axis=0)
+    assert now < 0.1 and before > 0.9
+
+
+def test_rivals_that_are_one_model_differ_by_nothing():
+    one = residual_of(np.random.default_rng(2).standard_normal(BLOCKS * EACH))
+    assert gap(one, one, "white") == (0.0, 0.0) == gap(one, one, "raw")
+
+
+def test_what_is_over_between_two_samples_is_told_and_not_counted():
+    others = ["stribeck", "presliding", "cross_load", "payload", "torque_offset", "low_pass"][:CONTESTED + 1]
+    finding = Finding("viscous", "1A", twins=[{"effect": e, "place": "1A"} for e in others])
+    assert too_many(finding, {})
+    finding.uncounted = {("presliding", "1A")}
+    assert not too_many(finding, {}) and len(finding.twins) == CONTESTED + 1
 
 
 def test_so_many_effects_leave_no_name_but_many_places_of_a_few_do():
@@ -99,7 +148,9 @@ def refitted(effect, squares, white):
     """A finding that leaves so much in two channels on ten blocks each."""
     level, none = np.ones((2, 10)), np.zeros((0, 10), dtype=bool)
     channels = np.outer(squares, np.ones(10)) / 10
-    return Finding(effect, "1A", selection=Selection(channels, channels, np.full(10, white / 10), level, none))
+    left = {"raw": np.sqrt(channels), "white": np.full((2, 10), np.sqrt(white / 20))}
+    return Finding(effect, "1A", selection=Selection(channels, channels, np.full(10, white / 10), level, none, left,
+                                                     np.arange(10), 1))
 
 
 @pytest.mark.parametrize("more, said", [(0.03, "viscous"), (0.07, "sublinear_viscous")])
