@@ -63,7 +63,7 @@ false one, of 0.11 of the rest, is not refused."""
 _WITHOUT = WeakKeyDictionary()  # errors of the model without effects, by data set
 
 
-def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
+def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=None):
     """Find the effect that a fitted model lacks.
 
     Parameters
@@ -80,6 +80,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
         Called with a sentence before each stage.
     finished : bool
         Of a search that may find the effect beside another, only `Diagnosis.finish` says where it lives.
+    known : (Table, Scores), optional
+        Of this model and fit, where they are computed already.
 
     Returns
     -------
@@ -89,9 +91,9 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True):
     whole = dataset.sliding(model)
     dataset = whole.settled(model, fit.parameters)
     say("testing every candidate effect at every place")
-    table = Table(dataset, model, fit)
+    table = known[0] if known else Table(dataset, model, fit)
     first_look.tell(say, table)
-    scores = Scores(table, seed)
+    scores = known[1] if known else Scores(table, seed)
     findings = as_findings(table, scores)
     base = select(dataset, model, fit, scores.single)
     rivals = refit_best(dataset, model, fit, scores, findings, base, table, say)
@@ -262,7 +264,7 @@ def _decide(findings, rivals, base, refines, steady):
         best, others, constant = other if other[2] else (best, others, constant)
     findings.remove(best)
     findings.insert(0, best)
-    for other in by_kind(others):
+    for other in by_kind(others, [best.effect], refines):
         best.twins.append({"effect": other.effect, "place": other.place})
         other.twins.append({"effect": best.effect, "place": best.place})
         best.uncounted |= {other.key} if other.refused == BETWEEN else set()

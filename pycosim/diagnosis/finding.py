@@ -14,7 +14,7 @@ class Finding:
     twins : list of dict
         Candidates that these data cannot tell from it, each with ``effect`` and ``place``.
     together : list of list of dict
-        Pairs of others that do better, with as many coefficients, but not by enough to be chosen of so many pairs.
+        Pairs of others that do as well, with as many coefficients.
     uncounted : set of (str, str)
         Twins that are over between two samples: each may be what it is, and none is a name of its own.
     contested : bool
@@ -78,6 +78,8 @@ class Diagnosis:
         What each channel says for itself: ``verdict``, ``error``, ``floor``, ``resolution``, ``slow``, ``depends_on``.
     later : callable or None
         What finds `unexplained`, until `finish` calls it.
+    known : (Table, Scores), or None
+        Of the model with the winner, for the next diagnosis.
     """
 
     verdict: str
@@ -92,6 +94,7 @@ class Diagnosis:
     unexplained: dict | None = None
     channels: dict = field(default_factory=dict)
     later: object = field(default=None, repr=False, compare=False)
+    known: object = field(default=None, repr=False, compare=False)
 
     def finish(self):
         """Find where a residual that no effect explains lives, where a search has put that off.

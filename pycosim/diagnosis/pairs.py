@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..compile import compile_model
+from ..compile import compile_model, component_name
 from ..core.errors import PycosimError
 from ..fit import least_squares
 from .crossval import gap, select
@@ -74,7 +74,7 @@ class Pair:
         return self.coefficients[:n], self.coefficients[n:]
 
 
-def fitted(dataset, base, keys, fit, seed, progress, rival=None):
+def fitted(dataset, base, keys, fit, seed, progress):
     """The pairs that most may be said for beside some effects, fitted; best first on unseen folds.
 
     Parameters
@@ -91,46 +91,100 @@ def fitted(dataset, base, keys, fit, seed, progress, rival=None):
         Of the scores' draws.
     progress : callable or None
         Called with a sentence before each fit.
-    rival : Finding, optional
-        One effect that does what two may do: pairs are wanted that have no more coefficients, and predict more.
 
     Returns
     -------
     list of Pair
-        Both of each more than chance; beside a rival all that do better, of which some are ``clear``.
+        Both effects of each are more than chance.
     """
     without = compile_model(dataset.library, base.rig, [*base.keys, *keys])
     lacking = least_squares.fit(dataset, without, fit.parameters)
     here = dataset.sliding(without).settled(without, lacking.parameters)
     table = Table(here, without, lacking)
     scores = Scores(table, seed)
-    alone, found = select(here, without, lacking, scores.single), []
-    for k, pair in enumerate(some := likely(scores, REFITS, rival), 1):
+    alone = select(here, without, lacking, scores.single)
+    found = _refitted(here, without, lacking, lacking, likely(scores, REFITS), scores.single, alone, progress)
+    _tell(scores, table, alone, found)
+    return [p for p in found if _certain(p)]
+
+
+def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
+    """The pairs that do as well as one effect that has as many coefficients, fitted; best first on unseen folds.
+
+    They are looked for where the winner is in the model: from there on the branches of friction are the right ones, and
+    what each pair would do in its place is told by the moments of the fit with it.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its fit part is searched.
+    without : Model
+        That lacks the winner, or the two.
+    lacking : Fit
+        Of that model.
+    winner : Finding
+        With the fit and the selection.
+    noise : list of Noise
+        One a channel, that rivals are compared at.
+    scores : Scores
+        Of the model with the winner.
+    seed : int
+        Of the draws of other scores.
+    progress : callable or None
+        Called with a sentence before each fit.
+
+    Returns
+    -------
+    list of Pair
+        With ``clear`` where both effects are more than chance, and do better by more than the luck of so many pairs.
+    """
+    here = dataset.sliding(without).settled(without, lacking.parameters)
+    larger = compile_model(dataset.library, without.rig, [*without.keys, winner.key])
+    base = component_name(*larger.attached[-1])
+    own = {n: 0.0 for n in winner.fit.free if n.startswith(f"{base}.")}
+    own.update({f"{base}.{c}": winner.fit.parameters[f"{base}.{c}"] - larger.parameters[f"{base}.{c}"].value
+                for c in larger.attached[-1][0].size if f"{base}.{c}" in own})
+    less = scores.lacking(own)
+    some = likely(less, REFITS, len(own), less.left() - scores.left() - 2.0 * SEPARATE ** 2)
+    alone = select(here, without, lacking, noise)
+    found = _refitted(here, without, winner.fit, lacking, some, noise, alone, progress)
+    found = [p for p in found if _as_well(p.selection, winner.selection)]
+    if clear := [p for p in found if _outdoes(p.selection, winner.selection, len(scores.results))]:
+        table = Table(here, without, lacking)
+        _tell(Scores(table, seed), table, alone, found)
+        for pair in clear:
+            pair.clear = _certain(pair)
+    return sorted(found, key=lambda p: (not p.clear, p.selection.white.sum() + 2 * len(p.fit.free)))
+
+
+def _refitted(here, without, start, lacking, some, noise, alone, progress):
+    """Pairs with their model, their fit from where another has brought the parameters, and their selection."""
+    found = []
+    for k, pair in enumerate(some, 1):
         if progress:
             progress(f"refitting with {' and '.join('@'.join(key) for key in pair.keys)}, {k} of {len(some)}")
-        starts = {n: v for c, own in zip(pair.candidates, pair.shares) for n, v in start_of(c, own).items()}
+        own = {n: v for c, shares in zip(pair.candidates, pair.shares) for n, v in start_of(c, shares).items()}
+        begin = {n: start.parameters[n] for n in lacking.parameters}
         try:
-            pair.model = compile_model(dataset.library, base.rig, [*without.keys, *pair.keys])
-            pair.fit = least_squares.fit(here, pair.model, {**lacking.parameters, **starts}, most=TRIAL,
-                                         noise=scores.single)
+            pair.model = compile_model(here.library, without.rig, [*without.keys, *pair.keys])
+            pair.fit = least_squares.fit(here, pair.model, {**begin, **own}, most=TRIAL, noise=noise)
         except PycosimError:  # together they leave no motion, or no answer in closed form
             continue
         pair.without, pair.lacking = without, lacking
-        pair.selection = select(here, pair.model, pair.fit, scores.single, alone)
+        pair.selection = select(here, pair.model, pair.fit, noise, alone)
         found.append(pair)
-    _tell(scores, table, alone, found)
-    certain = [p for p in found if all(f.p_value < LEVEL and not holds_nothing(p.model, f, attached)
-                                       for f, attached in zip(p.findings, p.model.attached[-2:]))]
-    if rival is None:
-        return certain
-    for pair in certain:
-        pair.clear = _outdoes(pair.selection, rival.selection, len(scores.results))
-    return [p for p in found if _better(p.selection, rival.selection)]
+    return found
 
 
-def _better(pair, rival):
-    """Whether two effects err less on unseen folds than one, in both kinds of error."""
-    return pair.white.sum() < rival.white.sum() and pair.raw.sum() < rival.raw.sum()
+def _certain(pair):
+    """Whether both effects of a pair are more than chance, and no interval of theirs holds nothing."""
+    return all(f.p_value < LEVEL and not holds_nothing(pair.model, f, attached)
+               for f, attached in zip(pair.findings, pair.model.attached[-2:]))
+
+
+def _as_well(pair, rival):
+    """Whether unseen folds do not tell two effects from one by more than tells rivals apart, nor the plain error."""
+    return gap(pair, rival, "white")[0] < 2.0 * SEPARATE ** 2 and "raw" not in behind(pair, rival)
 
 
 def _outdoes(pair, rival, candidates):
@@ -140,7 +194,7 @@ def _outdoes(pair, rival, candidates):
     n / 2 times as many pairs.
     """
     least = 2.0 * SEPARATE ** 2 + 2.0 * np.log(max(candidates / 2, 1.0))
-    return gap(rival, pair, "white")[0] > least and "raw" not in behind(pair, rival)
+    return gap(rival, pair, "white")[0] > least
 
 
 def _tell(scores, table, alone, found):
@@ -181,7 +235,7 @@ def instead(near, finding, other):
     return finding.twins + [{"effect": e, "place": p} for e, p in dict.fromkeys(f.key for f in by_kind(new))]
 
 
-def likely(scores, most, rival=None):
+def likely(scores, most, largest=np.inf, least=0.0):
     """The pairs that explain most together, each at its best grid points.
 
     Parameters
@@ -190,15 +244,16 @@ def likely(scores, most, rival=None):
         Of the model that lacks both.
     most : int
         Pairs that are wanted.
-    rival : Finding, optional
-        Pairs explain more than it with as many coefficients at most.
+    largest : int
+        Coefficients that a pair may have.
+    least : float
+        What it must take at least.
 
     Returns
     -------
     list of Pair
         Best first, within the coefficients' bounds; no two effects at one component are the same.
     """
-    largest, least = _limits(scores, rival)
     candidates = [s.candidate for s in scores.results if s.visible and _size(s.candidate) < largest]
     if len(candidates) < 2:
         return []
@@ -214,14 +269,6 @@ def likely(scores, most, rival=None):
     ordered = sorted(best.values(), key=lambda found: -found[0])[:20 * most]
     pairs = [p for _, a, b in ordered if (p := Pair((a, b), *scores.fall(a, b))).value > least]
     return _varied(sorted(pairs, key=lambda p: -(p.value - 2 * sum(map(_size, p.candidates)))), most)
-
-
-def _limits(scores, rival):
-    """How many coefficients a pair may have, and what it must explain, in the place of one effect."""
-    if rival is None:
-        return np.inf, 0.0
-    own = max((s for s in scores.results if s.candidate.key == rival.key), key=lambda s: s.surprise)
-    return _size(own.candidate), max(own.value, scores.refined.get(rival.key, own).value)
 
 
 def _size(candidate):

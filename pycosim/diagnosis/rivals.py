@@ -110,23 +110,29 @@ def plainly_better(base, earned):
     return min(better, key=lambda f: f.selection.raw.sum()) if better else best
 
 
-def by_kind(findings):
-    """Findings in their order, yet each effect once before any of them at a second place.
+def by_kind(findings, named=(), refines=None):
+    """Findings in their order, yet each effect once before any of them at a second place, and corrections last.
+
+    A correction of what is named does as well because that does: it is no other name.
 
     Parameters
     ----------
     findings : list of Finding
         Best first.
+    named : iterable of str
+        Effects that are named before them.
+    refines : dict of str to str, optional
+        By effect, what it is a correction of.
 
     Returns
     -------
     list of Finding
         The same ones.
     """
-    known, ranks = {}, []
+    known, ranks, about = {}, [], {*named, *(f.effect for f in findings)}
     for f in findings:
         known[f.effect] = known.get(f.effect, 0) + 1
-        ranks.append(known[f.effect])
+        ranks.append(((refines or {}).get(f.effect) in about, known[f.effect]))
     return [f for _, f in sorted(zip(ranks, findings), key=lambda pair: pair[0])]
 
 

@@ -6,6 +6,7 @@ predicted error. Family-wise p-values come from simulated noise with the candida
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -451,6 +452,40 @@ class Scores:
             With the residual, in the same unit.
         """
         return self._beside([self.p + np.array(part) for c in candidates for part in c.parts], *self._absorb)
+
+    def lacking(self, sizes):
+        """The same scores as if an effect of the model were not in it: what it does is in the residual.
+
+        Parameters
+        ----------
+        sizes : dict of str to float
+            By free parameter of the effect, how far it is from where the effect changes nothing; no distance for those
+            that vanish with it.
+
+        Returns
+        -------
+        Scores
+            For `fall`, `beside_base` and what can be seen alone: they were tested beside the effect.
+        """
+        names, turn, less = self.table.fit.free, np.eye(len(self.gram)), copy.copy(self)
+        own = [names.index(n) for n in sizes]
+        turn[-1, own] = list(sizes.values())
+        less.gram = turn @ self.gram @ turn.T
+        less.gram[own], less.gram[:, own] = 0.0, 0.0
+        base = [k for k in self._absorb[0] if k not in own]
+        less._absorb = base, least_squares.invert(less.gram[np.ix_(base, base)])[0]
+        less.__dict__.pop("_without", None)
+        less.results = []
+        for score in self.results:
+            rows = [self.p + np.array(part) for part in score.candidate.parts]
+            seen = less._visible(score.candidate, less._beside(rows, *less._absorb)[0], _summed(less.gram, rows))
+            less.results.append(replace(score, visible=seen))
+        return less
+
+    def left(self):
+        """Least whitened sum of squares with the base inside its bounds, over the variance."""
+        a, b = self.gram[:self.p, :self.p], self.gram[:self.p, -1]
+        return float(self.gram[-1, -1] - bounded(a, b, *self._bounds())[0]) / self.variance
 
     def akin(self, key, least):
         """Candidates that could add what one adds, most like it first, whatever bounds leave of their own fall.

@@ -16,6 +16,8 @@ from .dependence import dependence
 from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises, slow
 from .rivals import ALIKE, PLAIN, SEPARATE, alike, behind, too_many
+from .scores import Scores
+from .table import Table
 from .trials import TRIAL, nudged, pressed
 
 MOST = 6  # effects that one search may add
@@ -313,9 +315,9 @@ def _without_spikes(dataset, model, fit):
         dataset.calm, least_squares.fit(dataset.calm, model, fit.parameters))
 
 
-def _first(dataset, steps, seed, progress):
+def _first(dataset, steps, seed, progress, known=None):
     """The diagnosis of the last step, and the path and diagnosis that the search goes on with."""
-    found = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + len(steps) - 1, progress, False)
+    found = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + len(steps) - 1, progress, False, known)
     ahead, last = _ahead(dataset, steps, found, seed, progress) if found.provisional else (None, None)
     alone = last is not None and found.contested and last.verdict == "nothing_missing"
     if ahead is None and len(steps) + 1 <= TOGETHER:
@@ -460,8 +462,8 @@ def _added(dataset, steps, chosen, progress):
 def _grow(dataset, steps, last, seed, progress):
     """Add what the diagnosis accepts, step by step; returns the path and the diagnosis that accepts nothing."""
     while last.winner is not None and len(steps) <= MOST:
-        steps = [*steps, _added(dataset, steps, last.winner, progress)]
-        _, steps, last = _first(dataset, steps, seed, progress)
+        steps, known, last.known = [*steps, _added(dataset, steps, last.winner, progress)], last.known, None
+        _, steps, last = _first(dataset, steps, seed, progress, known)
     return steps, last
 
 
@@ -595,13 +597,16 @@ def _doubled(dataset, steps, found, seed, progress):
     """The ladder with two effects of one coefficient in the place of a winner of several, and its diagnosis; or None.
 
     A spring about a joint does, to the noise, what a wrong zero of the reference does beside a wrong torque constant.
-    Where a pair predicts better by more than the luck of so many pairs, it is what is missing. Where one is better at
-    all, nobody knows which of both it is, and the winner is none.
+    Where a pair predicts better by more than the luck of so many pairs, it is what is missing. Where one does as well,
+    nobody knows which of both it is, and the winner is none.
     """
-    if len(found.winner.coefficients) < 2:
+    winner, step = found.winner, steps[-1]
+    if len(winner.coefficients) < 2:
         return None, None
-    keys = [s.added for s in steps[1:]]
-    some = pairs.fitted(dataset, steps[0].model, keys, steps[-1].fit, seed, progress, found.winner)
+    larger = compile_model(dataset.library, step.model.rig, [*step.model.keys, winner.key])
+    table = Table(dataset.sliding(larger).settled(larger, winner.fit.parameters), larger, winner.fit)
+    found.known = table, Scores(table, seed + len(steps))
+    some = pairs.doubles(dataset, step.model, step.fit, winner, found.noise, found.known[1], seed, progress)
     for pair in [p for p in some if p.clear][:1]:
         ahead, last = _followed(dataset, steps, pair, seed, progress)
         if ahead is not None:

@@ -65,7 +65,7 @@ class Candidate(Shown):
 
     @property
     def together(self) -> list[list[str]]:
-        """Pairs of others that do better with as many coefficients, too little to be chosen of so many pairs."""
+        """Pairs of others that do as well, with as many coefficients."""
         return [[f"{t['effect']}@{t['place']}" for t in pair] for pair in self.record.get("together", [])]
 
     @property

@@ -128,9 +128,9 @@ def diagnosis(found, dataset):
         effect beside which a candidate's evidence vanishes; ``refused``, why a refitted candidate is no finding;
         ``varies_with``, what the coefficient of one that stands in for another law differs over, and
         ``outweighed_by``, what explains much of what it leaves; ``contested``, one that is not added because
-        more than five others, or two at once, do as well; ``together``, pairs of effects that do better than one
-        with as many coefficients, but not by enough to be chosen of so many pairs; ``channels``, what each channel says
-        for itself; the cards of `cards`, what the log varies, and where an unexplained residual lives.
+        more than five others, or two at once, do as well; ``together``, such pairs, with as many coefficients;
+        ``channels``, what each channel says for itself; the cards of `cards`, what the log varies, and where an
+        unexplained residual lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
                   "units": dataset.units,

@@ -3,10 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
+from answers import summary, told
 
-import pycosim as pc
 from benchmarks.hidden_effects import machine as rig
 from benchmarks.hidden_effects.cases import Case, draw, same
 from benchmarks.real_logs.make import make
@@ -14,11 +13,14 @@ from benchmarks.real_logs.run import scenario
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis import search
-from pycosim.diagnosis.rivals import CONTESTED
-from pycosim.report import records, sentences
 from pycosim.study.parse import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
+
+
+def seeds(first, *others):
+    """One seed for the long tier, others for the slow one."""
+    return [first, *(pytest.param(seed, marks=pytest.mark.slow) for seed in others)]
 
 
 def hide(drawn, effect, place, seed, size=2.0):
@@ -52,17 +54,6 @@ def loaded(folder, seed, hidden=()):
         for k, leg in enumerate((rig.Leg(), rig.Leg(m2=5.0)))))
 
 
-def told(result):
-    """Effects added, each with its twins."""
-    return [[step.added, *(tuple(t.values()) for t in step.finding.twins)] for step in result.steps[1:]]
-
-
-def summary(result):
-    """What a failure shows."""
-    best = result.first.candidates[:4]
-    return result.first.verdict, told(result), result.last.verdict, [(c.effect, c.place, c.p_value) for c in best]
-
-
 def check(result, hidden):
     """The hidden effect, or a twin of it, is the one thing that is added."""
     found = told(result)
@@ -71,33 +62,33 @@ def check(result, hidden):
     assert result.last.verdict == "nothing_missing", summary(result)
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", seeds(3, 4, 5))
 def test_a_viscous_effect_is_found_without_torque_reference(tmp_path, seed):
     check(paired(tmp_path, seed, ("viscous", "1A")), ("viscous", "1A"))
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", seeds(3, 4, 5))
 def test_a_stribeck_effect_is_found_without_torque_reference(tmp_path, seed):
     check(paired(tmp_path, seed, ("stribeck", "2A")), ("stribeck", "2A"))
 
 
-@pytest.mark.parametrize("seed", [3, 5, 6])
+@pytest.mark.parametrize("seed", seeds(3, 5, 6))
 def test_an_effect_of_the_load_is_found_without_torque_reference(tmp_path, seed):
     check(paired(tmp_path, seed, ("load_nonlinearity", "1A")), ("load_nonlinearity", "1A"))
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", seeds(3, 4, 5))
 def test_nothing_is_missing_without_torque_reference(tmp_path, seed):
     result = paired(tmp_path, seed)
     assert result.first.verdict == "nothing_missing" and not told(result), summary(result)
 
 
-@pytest.mark.parametrize("seed", [3, 5, 6, 7])
+@pytest.mark.parametrize("seed", seeds(5, 3, 6, 7))
 def test_an_effect_of_the_load_is_found_in_runs_of_different_loads(tmp_path, seed):
     check(loaded(tmp_path, seed, ("load_nonlinearity", "1A")), ("load_nonlinearity", "1A"))
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", seeds(3, 4, 5))
 def test_nothing_is_missing_in_runs_of_different_loads(tmp_path, seed):
     result = loaded(tmp_path, seed)
     assert result.first.verdict == "nothing_missing" and not told(result), summary(result)
@@ -141,214 +132,3 @@ def test_an_offset_of_the_reference_is_no_asymmetry_that_a_bound_holds(tmp_path)
     study = make("mistake:reference_zero_offset:1:960", tmp_path, quick=True)
     result = search.improve(Dataset(load_study(study), Library()))
     assert [found[0] for found in told(result)] == [("reference_offset", "hip")], summary(result)
-
-
-def hidden(case, folder):
-    """What `improve` finds in a short log of a case, first and last verdict and the effects with their places."""
-    result = search.improve(Dataset(load_study(make(case, folder, quick=True)), Library()))
-    return result.first.verdict, result.last.verdict, [found[0] for found in told(result)], summary(result)
-
-
-@pytest.mark.parametrize("case", ["linear_digital:none::910", "linear_digital:none::943"])
-def test_an_encoder_s_steps_in_even_motion_are_no_ripple_and_no_function_of_the_acceleration(case, tmp_path):
-    first, last, found, shown = hidden(case, tmp_path)
-    assert (first, last, found) == ("nothing_missing", "nothing_missing", []), shown
-
-
-@pytest.mark.parametrize("case", ["linear_digital:thermal_drift:1.7:703", "linear:thermal_drift:1.3:910"])
-def test_a_change_of_a_loss_that_is_small_beside_the_inertia_is_found(case, tmp_path):
-    first, last, found, shown = hidden(case, tmp_path)
-    assert (first, last, found) == ("missing_effect", "nothing_missing", [("thermal_drift", "guide")]), shown
-
-
-def test_of_ripples_that_are_more_than_chance_the_one_that_leaves_least_is_fitted(tmp_path):
-    """A coarse encoder's rounding blurs what the true one takes, and little of one with half as many cycles more."""
-    first, last, found, shown = hidden("linear_digital:torque_ripple:1.3:12400", tmp_path)
-    assert (first, last, found) == ("missing_effect", "nothing_missing", [("torque_ripple", "motor")]), shown
-
-
-def test_an_effect_that_one_part_of_the_log_alone_tells_is_not_behind_one_that_stands_in_for_it(tmp_path):
-    first, _, found, shown = hidden("geared_digital:torque_constant:1.7:1867", tmp_path)
-    assert first == "missing_effect" and found[0] == ("torque_constant", "motor"), shown
-
-
-def test_what_is_the_same_as_the_best_is_named_with_it_however_low_its_score(tmp_path):
-    """The base model takes the loss for small that the asymmetry is a share of: its score is half of the offset's."""
-    study = make("motor_encoders:direction_asymmetry:2.4:2800", tmp_path, quick=True)
-    step, = search.improve(Dataset(load_study(study), Library())).steps[1:]
-    names = [step.added, *((t["effect"], t["place"]) for t in step.finding.twins)]
-    assert set(names) == {("direction_asymmetry", "2A"), ("torque_offset", "motor2")}
-
-
-def test_a_delay_of_a_sample_and_a_half_is_no_three_samples(tmp_path):
-    """The record jumps where a segment turns; between two samples it lies between both."""
-    found = search.improve(Dataset(load_study(make("rate50:time_delay:2.4:1501", tmp_path, quick=True)), Library()))
-    low, high = found.fit.interval("time_delay_torque.d")
-    assert found.steps[1].added == ("time_delay", "torque") and low < 0.0307 < high, summary(found)
-    assert found.fit.parameters["time_delay_torque.d"] == pytest.approx(0.0307, abs=0.01)
-
-
-@pytest.mark.parametrize(("case", "true"), [
-    ("short_gait:time_delay:2.4:60011", 0.01306), ("multisine:time_delay:2.4:60019", 0.0094),
-    ("outliers_1:time_delay:2.4:60014", 0.03461)])
-def test_a_delay_of_few_samples_or_behind_spikes_is_no_friction_that_lags(case, true, tmp_path):
-    found = search.improve(Dataset(load_study(make(case, tmp_path, quick=True)), Library()))
-    assert [s.added for s in found.steps[1:]] == [("time_delay", "torque")], summary(found)
-    low, high = found.fit.interval("time_delay_torque.d")
-    assert 0 < low < true < high and found.last.verdict == "nothing_missing", (low, high)
-
-
-def test_a_loss_that_grows_in_time_is_no_warm_up(tmp_path):
-    first, last, found, shown = hidden("outside_gait:wear:1.3:5101", tmp_path)
-    assert (first, last, found) == ("unexplained", "unexplained", []), shown
-
-
-@pytest.mark.parametrize("case", ["outside_digital:load_speed:2.4:12001", "outside_digital:tide:2.4:12000"])
-def test_a_law_of_another_kind_is_no_viscosity_with_an_asymmetry_and_no_preload(case, tmp_path):
-    """One over the load does as well as the asymmetry; what ebbs in time leaves more than the preload takes."""
-    first, last, found, shown = hidden(case, tmp_path)
-    assert (first, last, found) == ("unexplained", "unexplained", []), shown
-
-
-def test_slow_noise_of_a_sensor_in_ordinary_motion_is_not_what_is_missing(tmp_path):
-    first, last, found, shown = hidden("gait:none::12200", tmp_path)
-    assert (first, last, found) == ("nothing_missing", "nothing_missing", []), shown
-
-
-def test_the_friction_of_a_mesh_is_no_noise(tmp_path):
-    """Sixteen cycles a radian, with another sign each way: no torque ripple, and as fast as noise within a pass."""
-    found = pc.open(make("outside_gait:gear_mesh:1.7:12012", tmp_path, quick=True)).improve()
-    first = found.first.to_dict()["residual_depends_on"][0]
-    assert found.first.verdict == "unexplained" and len(found.steps) == 1, found.sentences
-    assert first["variable"] == "angle@2B" and first["strength"] > 0.4, first
-
-
-@pytest.mark.parametrize("case", [
-    "reference_zero:torque_constant:1.3:60029", "reference_zero:direction_asymmetry:1.7:60001"])
-def test_two_effects_that_do_what_a_spring_does_leave_it_no_name(case, tmp_path):
-    """A wrong zero of a computed reference beside a wrong constant was a spring about the joint, and nothing else."""
-    project = pc.open(make(case, tmp_path, quick=True))
-    found = project.fit().diagnose()
-    best = found.candidates[0]
-    assert found.verdict == "unexplained" and best.contested and best.name == "joint_spring@hip"
-    assert best.together and all("reference_zero@hip" in pair for pair in best.together)
-    said = " ".join(sentences.summary_diagnosis(found.record))
-    assert "two effects at once explain it no worse" in said and "joint_spring at hip" in said
-
-
-def test_a_spring_is_named_where_no_two_effects_do_as_well_and_what_is_over_at_once_is_not_counted(tmp_path):
-    """A hysteresis that was over between two samples, at two places, made them too many for a name."""
-    first, last, found, said = hidden("load_model:joint_spring:1.7:72000", tmp_path)
-    assert (first, last, found) == ("missing_effect", "nothing_missing", [("joint_spring", "knee")]), said
-
-
-def test_one_of_many_that_do_equally_well_is_no_name(tmp_path):
-    """An offset of the reference, under loads that hardly change, does what a gain and four others do."""
-    data = Dataset(load_study(make("reference_offset:none::15000", tmp_path, quick=True)), Library())
-    result = search.improve(data)
-    assert (result.first.verdict, len(result.steps)) == ("unexplained", 1), summary(result)
-    best = result.first.contested
-    alike = {best.key, *((t["effect"], t["place"]) for t in best.twins)}
-    assert len(best.twins) > CONTESTED and ("reference_offset", "hip") in alike and not best.accepted
-    told = sentences.summary_diagnosis(records.diagnosis(result.first, data))
-    assert "equally well" in told[0] and all(f"{e} at {p}" in told[0] for e, p in alike)
-    assert f"pycosim add STUDY {'@'.join(best.key)}" in told[1] and result.first.unexplained is None
-
-
-@pytest.mark.parametrize("case", ["digital:presliding:1.7:10200", "outliers_01:presliding:1.3:12401"])
-def test_a_travel_at_one_stage_is_not_what_the_machine_has_everywhere(case, tmp_path):
-    """Of about the length that the rig's friction builds up over at each of its segments."""
-    first, last, found, shown = hidden(case, tmp_path)
-    place = "1A+2A" if case.startswith("digital") else "1A"
-    assert (first, last, found) == ("missing_effect", "nothing_missing", [("presliding", place)]), shown
-
-
-@pytest.mark.parametrize("case", ["outside:friction_lag:1.3:14006", "outside_gait:friction_lag:2.4:8102"])
-def test_a_friction_that_lags_at_one_segment_is_no_delay_of_the_torque(case, tmp_path):
-    first, last, found, shown = hidden(case, tmp_path)
-    place = "1A" if ":14006" in case else "2A"
-    assert (first, last, found) == ("missing_effect", "nothing_missing", [("friction_lag", place)]), shown
-
-
-def test_what_a_shifted_torque_leaves_between_two_samples_is_no_memory(tmp_path):
-    first, last, found, shown = hidden("linear:time_delay:1.3:8288", tmp_path)
-    assert (first, last, found) == ("missing_effect", "nothing_missing", [("time_delay", "force")]), shown
-
-
-def test_a_breakaway_that_grows_at_rest_is_found_at_its_place(tmp_path):
-    first, last, found, shown = hidden("further:dwell:1.7:8600", tmp_path)
-    assert (first, last, found) == ("missing_effect", "nothing_missing", [("dwell", "1A")]), shown
-
-
-@pytest.mark.parametrize("case", ["outside:wear:1.3:8500", "outside_gait:wear:2.4:5705"])
-def test_a_friction_that_grows_with_the_way_is_no_memory_that_is_never_lost(case, tmp_path):
-    first, _, found, shown = hidden(case, tmp_path)
-    assert first == "unexplained" and not found, shown
-
-
-def test_a_held_out_run_that_is_noisier_than_the_others_refuses_nothing(tmp_path):
-    _, last, found, shown = hidden("one_noisy:torque_saturation:2.4:5700", tmp_path)
-    assert found == [("torque_saturation", "motor1+motor2")] and last == "nothing_missing", shown
-
-
-def test_a_reference_two_percent_off_is_found_beside_an_effect_and_its_alternatives_are_told(tmp_path):
-    found = pc.open(make("reference_gain:configuration_preload:2.4:2600", tmp_path, quick=True)).improve()
-    preload, gain = told(found.found)
-    assert preload == [("configuration_preload", "1A")] and ("reference_gain", "hip") in gain, found.sentences
-    assert found.verdict == "nothing_missing", found.sentences
-    then = next(n for n, line in enumerate(found.sentences) if line.startswith("Then missing"))
-    line = found.sentences[then + 2]
-    assert line.startswith("These data cannot tell it from") and all(f"{e} at {p}" in line for e, p in gain[1:])
-
-
-def test_a_delay_that_shows_in_slow_samples_alone_is_found_in_three_passes(tmp_path):
-    found = pc.open(make("short:time_delay:2.4:3201", tmp_path, quick=True)).improve()
-    assert [step.added for step in found.steps] == [None, "time_delay@torque"]
-    assert found.last.verdict == "nothing_missing"
-
-
-def test_two_passes_that_cannot_confirm_a_clear_effect_are_too_few_and_not_nothing(tmp_path):
-    found = pc.open(make("pick_and_place:viscous:1.7:10200", tmp_path, quick=True)).improve()
-    assert found.first.verdict == "not_enough_excitation" and len(found.steps) == 1
-    page = found.report(tmp_path / "report.html").read_text()
-    assert "Too few passes to tell whether the model lacks sublinear viscous at 1A" in page
-    assert "so that 4 passes at least can be fitted" in page
-
-
-def test_the_effects_that_spare_another_are_taken(tmp_path):
-    """An inertia and a wrong zero of the reference, without a third."""
-    first, _, found, shown = hidden("reference_zero:rotor_inertia:1.3:3600", tmp_path)
-    assert first == "missing_effect", shown
-    assert set(found) == {("reference_zero", "hip"), ("rotor_inertia", "motor1+motor2")}, shown
-
-
-def test_a_correction_is_not_named_where_what_it_corrects_does_as_well(tmp_path):
-    first, _, found, shown = hidden("motor_encoders:direction_asymmetry:1.3:3600", tmp_path)
-    assert first == "missing_effect" and found[0][0] == "direction_asymmetry", shown
-
-
-def test_a_ripple_is_found_beside_a_wrong_mass_of_the_reference(tmp_path):
-    """The noise that means over 16 samples told of had taken it for chance."""
-    first, _, found, shown = hidden("reference_mass:torque_ripple:1.7:3601", tmp_path)
-    assert first == "missing_effect" and ("torque_ripple", "motor2") in found, shown
-
-
-@pytest.mark.parametrize(("name", "effect"), [
-    ("motor_encoders:time_delay:2.4:10218", "time_delay@torque"),  # it shows below the usual least speed alone
-    ("reference_mass:time_delay:1.7:10200", "time_delay@torque"),
-    ("geared:torque_offset:2.4:10202", "torque_offset@motor")])  # rivals differ in branches where loads are nothing
-def test_what_slow_samples_and_samples_without_load_tell(name, effect, tmp_path):
-    found = pc.open(make(name, tmp_path, quick=True)).improve()
-    assert found.steps[1].added == effect and found.last.verdict == "nothing_missing", found
-
-
-def test_an_offset_of_each_run_s_own_is_told_as_what_differs_from_run_to_run(tmp_path):
-    study = make("plain:none::5", tmp_path, quick=True)
-    log = pd.read_csv(tmp_path / "run1.csv")
-    for k, part in enumerate(np.array_split(np.arange(len(log)), 3)):
-        own = log.iloc[part].assign(tau1=lambda run, k=k: run["tau1"] + 0.03 * k)
-        own.to_csv(tmp_path / f"part{k}.csv", index=False)
-    study.write_text(study.read_text().replace('"run1.csv"', '"part0.csv", "part1.csv", "part2.csv"'))
-    found = pc.open(study).fit().diagnose()
-    assert found.verdict == "unexplained" and found.to_dict()["residual_depends_on"][0]["variable"] == "run"
-    assert "differs from run to run" in " ".join(found.sentences)
