@@ -322,8 +322,8 @@ def test_drop_outs_are_refused_with_their_rows_or_left_out_when_the_study_says_s
 
 @pytest.mark.parametrize("change", [
     lambda f: f.rename(columns={"C_H": "C_K", "C_K": "C_H"}),
-    lambda f: edited(f, theta1=-f["theta1"]),
-    lambda f: edited(f, tau1=1e3 * f["tau1"]),
+    pytest.param(lambda f: edited(f, theta1=-f["theta1"]), marks=pytest.mark.long),
+    pytest.param(lambda f: edited(f, tau1=1e3 * f["tau1"]), marks=pytest.mark.long),
 ], ids=["columns exchanged", "sign", "unit"])
 def test_a_slip_that_no_check_can_prove_is_doubted(change, whole, here, capsys):
     (here / "study.toml").write_text(STUDY)

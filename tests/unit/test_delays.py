@@ -230,7 +230,7 @@ def test_less_than_a_sample_of_delay_takes_no_noise_of_accelerations_away(effect
     assert min(left(v) for v in values) > 0.98 * left(0.0)
 
 
-@pytest.mark.parametrize("effect", ["friction_lag", "dwell"])
+@pytest.mark.parametrize("effect", [pytest.param("friction_lag", marks=pytest.mark.long), "dwell"])
 def test_a_memory_beside_a_delay_is_judged_without_a_torque_reference_too(effect, tmp_path):
     dataset = Dataset(load_study(make("unpaired:viscous:1.7:8900", tmp_path, quick=True)), Library())
     model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque"), (effect, "1A")])
@@ -307,7 +307,7 @@ def test_some_samples_are_moved_as_all_of_them_are(later):
             np.testing.assert_array_equal(few, all_[some])
 
 
-@pytest.mark.parametrize("seed", [60003, 60011, 60027])
+@pytest.mark.parametrize("seed", [60003, *(pytest.param(seed, marks=pytest.mark.long) for seed in (60011, 60027))])
 def test_the_interval_of_a_delay_that_jumps_tell_holds_where_in_a_sample_they_lie(seed, tmp_path):
     """By noise alone it was +- 0.2 ms of a sample of 5 ms, and 0.05 to 0.1 samples off in each of seven logs."""
     dataset = Dataset(load_study(make(f"linear:time_delay:1.3:{seed}", tmp_path, quick=True)), Library())
