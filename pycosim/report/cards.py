@@ -46,7 +46,7 @@ def experiment(library, finding, most=None):
         An imperative without a full stop.
     """
     own = annotation(library, find_effect(library, finding.effect).model).get("experiment", "")
-    others = {t["effect"] for t in finding.twins} - {finding.effect}
+    others = {t["effect"] for group in (finding.twins, *finding.together) for t in group} - {finding.effect}
     wanted = [own, *(annotation(library, find_effect(library, e).model).get("experiment", "") for e in sorted(others))]
     text = "; ".join(list(dict.fromkeys(w for w in wanted if w))[:most])
     places = [t["place"] for t in finding.twins if t["effect"] == finding.effect]

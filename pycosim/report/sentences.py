@@ -551,7 +551,7 @@ def _contested(result, final):
     if best is None:
         return []
     lines = [f"Something {'else ' if final else ''}is missing, and {equals(best)}.",
-             f"Error with the first of them, predicted: "
+             f"Error with {'the first of them' if not best.get('together') else _names([best])[0]}, predicted: "
              f"{change_text(result['error'], best['predicted_error'], result['units'])}. Where you know which, or "
              f"any will do, 'pycosim add STUDY {best['effect']}@{best['place']}' adds it."]
     return lines + ([f"To tell them apart, {best['experiment']}."] if best["experiment"] else [])
@@ -572,9 +572,8 @@ def equals(best):
     """
     some = joined(_names([best, *best["twins"]]))
     if best.get("together"):
-        two = [" with ".join(_names(pair)) for pair in best["together"]]
-        return (f"two effects at once explain it no worse than one that has as many coefficients: {' or '.join(two)}; "
-                f"or {some}")
+        two = joined([" with ".join(_names(pair)) for pair in best["together"]])
+        return f"two effects at once explain it no worse than one with as many coefficients: {two}; the one is {some}"
     kinds = {c["effect"] for c in [best, *best["twins"]]}
     return f"{len(kinds)} effects of the library explain it equally well, too many to name one: {some}"
 

@@ -100,7 +100,8 @@ def test_two_effects_that_do_what_a_spring_does_leave_it_no_name(case, tmp_path)
     assert found.verdict == "unexplained" and best.contested and best.name == "joint_spring@hip"
     assert best.together and all("reference_zero@hip" in pair for pair in best.together)
     said = " ".join(sentences.summary_diagnosis(found.record))
-    assert "two effects at once explain it no worse" in said and "joint_spring at hip" in said
+    assert "two effects at once explain it no worse" in said and "the one is joint_spring at hip" in said
+    assert "let the joint hang and read its encoder" in said
 
 
 def test_a_spring_is_named_where_no_two_effects_do_as_well_and_what_is_over_at_once_is_not_counted(tmp_path):
