@@ -78,6 +78,8 @@ class Diagnosis:
         What each channel says for itself: ``verdict``, ``error``, ``floor``, ``resolution``, ``slow``, ``depends_on``.
     later : callable or None
         What finds `unexplained`, until `finish` calls it.
+    between : bool
+        Whether something is missing that is over between two samples, so that none of what may do it is a name.
     known : (Table, Scores), or None
         Of the model with the winner, for the next diagnosis.
     """
@@ -94,6 +96,7 @@ class Diagnosis:
     unexplained: dict | None = None
     channels: dict = field(default_factory=dict)
     later: object = field(default=None, repr=False, compare=False)
+    between: bool = False
     known: object = field(default=None, repr=False, compare=False)
 
     def finish(self):

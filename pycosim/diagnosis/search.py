@@ -266,7 +266,7 @@ def improve(dataset, model=None, seed=0, progress=None):
         steps, last = _grow(dataset, steps, last, seed, progress)
         seen.append({s.added for s in steps})
         revised = _revised(dataset, steps, last.noise, seed, progress, without)
-        if revised is None and last.verdict == "unexplained":
+        if revised is None and last.verdict == "unexplained" and not last.between:
             revised = _exchanged(dataset, steps, last.noise, seed, progress)
         revised = revised or _spared(dataset, steps, last.noise, seed, progress)
         if revised is None or len(seen) > 2 * MOST or {s.added for s in revised} in seen:  # it would come back again
@@ -323,7 +323,7 @@ def _first(dataset, steps, seed, progress, known=None):
     if ahead is None and len(steps) + 1 <= TOGETHER:
         if found.winner:
             ahead, last = _doubled(dataset, steps, found, seed, progress)
-        elif found.verdict == "unexplained" and not alone:
+        elif found.verdict == "unexplained" and not alone and not found.between:
             ahead, last = _together(dataset, steps, seed, progress)
     if ahead is None:
         return found, steps, found
@@ -511,22 +511,23 @@ def _revised(dataset, steps, noise, seed, progress, without=None):
 
 
 def _exchanged(dataset, steps, noise, seed, progress):
-    """The ladder with two effects in the place of two; or None.
+    """The ladder with two effects in the place of two, or of the only one; or None.
 
-    Chosen one after the other, the first of two may stand in for both. The scores of a model that lacks what is
-    exchanged say which two take most of it together. Those are fitted, and unseen folds decide as they do for one; of
-    what they cannot tell apart, the one with fewer coefficients is said. Where nothing is exchanged, what could be in
-    the place of one of the two together with another of the other is told as its alternative.
+    Chosen one after the other, the first of two may stand in for both, and beside it neither is what is lacking. The
+    scores of a model that lacks what is exchanged say which two take most of it together. Those are fitted, and unseen
+    folds decide as they do for one; of what they cannot tell apart, the one with fewer coefficients is said. Where
+    nothing is exchanged, what could be in the place of one of the two together with another of the other is told as its
+    alternative.
     """
     added, fulls, best = steps[1:], _Selections(dataset, steps[-1], noise), (0.0, None, None)
-    for out in itertools.combinations(added, 2) if len(added) <= TOGETHER else ():
+    for out in itertools.combinations(added, min(2, len(added))) if 0 < len(added) <= TOGETHER else ():
         rest, near = [s for s in added if s not in out], []
         for pair in pairs.fitted(dataset, steps[0].model, [s.added for s in rest], steps[-1].fit, seed, progress):
             gain, cannot_tell = _gained(fulls, pair)
             near += [pair] if cannot_tell else []
             if gain > best[0] and {*pair.keys} != {s.added for s in out}:
                 best = gain, rest, pair
-        told = [pairs.instead(near, step.finding, other.finding) for step, other in (out, out[::-1])]
+        told = [pairs.instead(near, a.finding, b.finding) for a, b in itertools.permutations(out, 2)]
         for step, alternatives in zip(out, told):
             step.finding = replace(step.finding, twins=alternatives)
     if best[2] is None:

@@ -129,13 +129,15 @@ def diagnosis(found, dataset):
         ``varies_with``, what the coefficient of one that stands in for another law differs over, and
         ``outweighed_by``, what explains much of what it leaves; ``contested``, one that is not added because
         more than five others, or two at once, do as well; ``together``, such pairs, with as many coefficients;
-        ``channels``, what each channel says for itself; the cards of `cards`, what the log varies, and where an
+        ``between``, whether something is missing that is over between two samples; ``channels``, what each says for
+        itself; the cards of `cards`, what the log varies, and where an
         unexplained residual lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
                   "units": dataset.units,
                   "candidates": [_candidate(c, dataset.library, found.error) for c in found.candidates],
                   "residual_depends_on": found.residual_depends_on, "undetectable": found.undetectable,
+                  "between": found.between,
                   "excitation": found.excitation, "smallest_detectable": found.smallest,
                   "unexplained": found.unexplained, "channels": found.channels,
                   "thresholds": thresholds("diagnosis")})

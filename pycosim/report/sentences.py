@@ -13,6 +13,7 @@ from ..diagnosis.dependence import ALARM, RARE
 from ..diagnosis.first_look import WORTH
 from ..diagnosis.remainder import HELD_OUT, SLOW, WANDERS
 from ..diagnosis.scores import LEVEL
+from ..diagnosis.trials import BETWEEN
 from ..fit.nullspace import number
 from . import cards
 
@@ -479,6 +480,10 @@ def _off_where_held_out(channels):
 def _unexplained(result, final):
     if contested := _contested(result, final):
         return [*contested, *certainty_of_unknown(result), _at_floor(result)]
+    if passing := between_of(result):
+        return [f"Something {'else ' if final else ''}is missing that is over within a few samples, so that these data "
+                f"do not show what: {joined(_names(passing))} would each lower the error. To see which, record faster.",
+                *certainty_of_unknown(result), _at_floor(result)]
     depends = [f"{d['variable']} ({number(d['strength'])})" for d in result["residual_depends_on"][:3]
                if d["strength"] > 1e-3]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
@@ -497,6 +502,23 @@ def _unexplained(result, final):
     if mystery and mystery.get("free"):
         line += f" {mystery['free']['text']}"
     return [line, *certainty_of_unknown(result), _at_floor(result)]
+
+
+def between_of(result):
+    """The likeliest of what may be missing where that is over between two samples.
+
+    Parameters
+    ----------
+    result : dict
+        ``diagnosis.json``.
+
+    Returns
+    -------
+    list of dict
+        Candidates; none where nothing of that kind is missing, or more than that.
+    """
+    return [c for c in result["candidates"] if c["p_value"] < LEVEL and c.get("refused") == BETWEEN][:3] if (
+        result.get("between") and result["verdict"] == "unexplained") else []
 
 
 def of_no_motion(channels):
@@ -598,7 +620,8 @@ def certainty_of_unknown(result):
     if not follows and result["residual_depends_on"] and not any(own.get("slow") for own in blamed.values()):
         follows = "all channels together", result["residual_depends_on"][0]["variable"]
     if p < LEVEL:
-        open_end = "which of them it is stays open" if contested_of(result) else "that it is one of these is refused"
+        open_end = "which of them it is stays open" if contested_of(result) or between_of(result) else (
+            "that it is one of these is refused")
         lines = [f"{cards.certainty(p)}, among all {len(tested)} effects and places tested. So sure it is that "
                  f"something is missing; {open_end}."]
     elif follows:

@@ -95,6 +95,8 @@ class Verdict:
                 return (f"Something is missing: {_named(contested['effect'], contested['place'])}, or two effects at "
                         "once that explain it as well")
             return f"Something is missing, and {len(kinds)} effects explain it equally well"
+        if sentences.between_of(self.first):
+            return "Something is missing that is over within a few samples"
         if unsure := sentences.unconfirmed(self.first):
             return f"Too few passes to tell whether the model lacks {_named(unsure['effect'], unsure['place'])}"
         return {"nothing_missing": "Nothing is missing that these data could show",
@@ -131,6 +133,9 @@ class Verdict:
         """What a residual that no effect explains depends on, and a guess of its shape; or which explain it alike."""
         if contested := sentences.contested_of(told):
             return [f"{_capital(sentences.equals(contested))}."]
+        if passing := sentences.between_of(told):
+            names = sentences.joined([_named(c["effect"], c["place"]) for c in passing])
+            return [f"These data do not show what: {names} would each lower the error."]
         depends = [f"{sentences.worded(d['variable'])} ({100 * d['strength']:.0f} % of its energy)"
                    for d in told["residual_depends_on"] if d["strength"] > 0][:2]
         lines = sentences.of_no_motion(told["channels"])
@@ -267,7 +272,9 @@ class Verdict:
             found.append(f"Record more of the same, so that {FEW} passes at least can be fitted and others held out: "
                          f"that shows whether {_named(unsure['effect'], unsure['place'])} predicts what it was not "
                          "fitted to.")
-        if self.last["verdict"] == "unexplained" and not contested:
+        if sentences.between_of(self.last):
+            found.append("Record the same faster, by several times: that shows what happens in these few samples.")
+        elif self.last["verdict"] == "unexplained" and not contested:
             beats = [c for c, own in self.last["channels"].items() if own.get("beat")]
             depends = next((d["variable"] for d in self.last["residual_depends_on"] if d["strength"] > 0), None)
             if beats:

@@ -104,6 +104,20 @@ def test_two_effects_that_do_what_a_spring_does_leave_it_no_name(case, tmp_path)
     assert "let the joint hang and read its encoder" in said
 
 
+def test_two_offsets_are_found_in_the_place_of_the_one_that_stood_in_for_both(tmp_path):
+    """An offset of a motor beside one of the reference was an asymmetry, and something that nobody knew."""
+    _, last, found, said = hidden("reference_offset:torque_offset:1.7:222001", tmp_path)
+    assert last == "nothing_missing" and len(found) == 2 and ("reference_offset", "hip") in found, said
+
+
+def test_half_a_sample_of_delay_is_not_nothing_although_it_has_no_name(tmp_path):
+    """It held half of the squared error, at a noise floor that held it too."""
+    found = pc.open(make("ordinary_digital:time_delay:1.7:60024", tmp_path, quick=True)).improve()
+    assert (found.first.verdict, len(found.steps)) == ("unexplained", 1)
+    said = " ".join(found.sentences)
+    assert "over within a few samples" in said and "time_delay at torque" in said and "record faster" in said
+
+
 def test_a_spring_is_named_where_no_two_effects_do_as_well_and_what_is_over_at_once_is_not_counted(tmp_path):
     """A hysteresis that was over between two samples, at two places, made them too many for a name."""
     first, last, found, said = hidden("load_model:joint_spring:1.7:72000", tmp_path)
