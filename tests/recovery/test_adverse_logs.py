@@ -10,8 +10,9 @@ import pycosim as pc
 from benchmarks.real_logs.make import make
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
-from pycosim.diagnosis import search
+from pycosim.diagnosis import rivals, search
 from pycosim.diagnosis.rivals import CONTESTED
+from pycosim.fit import least_squares
 from pycosim.report import records, sentences
 from pycosim.study.parse import load_study
 
@@ -70,7 +71,8 @@ def test_a_loss_that_grows_in_time_is_no_warm_up(tmp_path):
     assert (first, last, found) == ("unexplained", "unexplained", []), shown
 
 
-@pytest.mark.parametrize("case", ["outside_digital:load_speed:2.4:12001", "outside_digital:tide:2.4:12000"])
+@pytest.mark.parametrize("case", [
+    pytest.param("outside_digital:load_speed:2.4:12001", marks=pytest.mark.slow), "outside_digital:tide:2.4:12000"])
 def test_a_law_of_another_kind_is_no_viscosity_with_an_asymmetry_and_no_preload(case, tmp_path):
     """One over the load does as well as the asymmetry; what ebbs in time leaves more than the preload takes."""
     first, last, found, shown = hidden(case, tmp_path)
@@ -125,14 +127,21 @@ def test_a_spring_is_named_where_no_two_effects_do_as_well_and_what_is_over_at_o
     assert (first, last, found) == ("missing_effect", "nothing_missing", [("joint_spring", "knee")]), said
 
 
-def test_one_of_many_that_do_equally_well_is_no_name(tmp_path):
-    """An offset of the reference, under loads that hardly change, does what a gain and four others do."""
+def test_one_of_many_that_do_equally_well_is_no_name(tmp_path, monkeypatch):
+    """An offset of the reference, under loads that hardly change, does what a gain and two others do.
+
+    Where they are more than may be, none is named.
+    """
     data = Dataset(load_study(make("reference_offset:none::15000", tmp_path, quick=True)), Library())
+    named = search.diagnosed(data, data.base, least_squares.fit(data, data.base)).winner
+    alike = {named.key, *((t["effect"], t["place"]) for t in named.twins)}
+    assert ("reference_offset", "hip") in alike and 1 < len(named.twins) < CONTESTED
+    monkeypatch.setattr(rivals, "CONTESTED", 1)
+    monkeypatch.setattr(rivals, "KINDS", 1)
     result = search.improve(data)
     assert (result.first.verdict, len(result.steps)) == ("unexplained", 1), summary(result)
     best = result.first.contested
-    alike = {best.key, *((t["effect"], t["place"]) for t in best.twins)}
-    assert len(best.twins) > CONTESTED and ("reference_offset", "hip") in alike and not best.accepted
+    assert {best.key, *((t["effect"], t["place"]) for t in best.twins)} == alike and not best.accepted
     told = sentences.summary_diagnosis(records.diagnosis(result.first, data))
     assert "equally well" in told[0] and all(f"{e} at {p}" in told[0] for e, p in alike)
     assert f"pycosim add STUDY {'@'.join(best.key)}" in told[1] and result.first.unexplained is None
@@ -174,6 +183,7 @@ def test_a_held_out_run_that_is_noisier_than_the_others_refuses_nothing(tmp_path
     assert found == [("torque_saturation", "motor1+motor2")] and last == "nothing_missing", shown
 
 
+@pytest.mark.slow
 def test_a_reference_two_percent_off_is_found_beside_an_effect_and_its_alternatives_are_told(tmp_path):
     found = pc.open(make("reference_gain:configuration_preload:2.4:2600", tmp_path, quick=True)).improve()
     preload, gain = told(found.found)
@@ -198,6 +208,7 @@ def test_two_passes_that_cannot_confirm_a_clear_effect_are_too_few_and_not_nothi
     assert "so that 4 passes at least can be fitted" in page
 
 
+@pytest.mark.slow
 def test_the_effects_that_spare_another_are_taken(tmp_path):
     """An inertia and a wrong zero of the reference, without a third."""
     first, _, found, shown = hidden("reference_zero:rotor_inertia:1.3:3600", tmp_path)
@@ -225,6 +236,7 @@ def test_what_slow_samples_and_samples_without_load_tell(name, effect, tmp_path)
     assert found.steps[1].added == effect and found.last.verdict == "nothing_missing", found
 
 
+@pytest.mark.slow
 def test_an_offset_of_each_run_s_own_is_told_as_what_differs_from_run_to_run(tmp_path):
     study = make("plain:none::5", tmp_path, quick=True)
     log = pd.read_csv(tmp_path / "run1.csv")

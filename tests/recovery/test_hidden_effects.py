@@ -9,6 +9,9 @@ from benchmarks.hidden_effects.run import right, run, sized
 
 # seed 5 draws a coarse encoder: the samples that hold a delay's jumps are then below w_min, and nothing shows it
 SEEDS = {"time_delay": 0}
+EVERY_TIME = ("stribeck", "time_delay", "presliding", "torque_constant", "configuration_preload", "torque_ripple",
+              "thermal_drift")
+"""One of each kind; the others, half a minute each, in the slow tier, and all of them in the benchmark."""
 
 
 @cache
@@ -17,7 +20,8 @@ def found(effect):
     return run(Case("one", (effect,), SEEDS.get(effect, 5), (1.7,)))
 
 
-@pytest.mark.parametrize("effect", CATALOGUE)
+@pytest.mark.parametrize("effect", [
+    e if e in EVERY_TIME else pytest.param(e, marks=pytest.mark.slow) for e in CATALOGUE])
 def test_a_hidden_effect_is_named_placed_and_sized(effect):
     row = found(effect)
     assert row["verdict"] == "missing_effect" and right(row) == (True, True), row
@@ -32,8 +36,8 @@ def test_nothing_hidden_is_nothing_missing(seed):
     assert row["verdict"] == "nothing_missing" and row["steps"] == [], row
 
 
-@pytest.mark.parametrize(("effect", "seed"), [("bump", 4), ("acceleration_friction", 4), ("acceleration_friction", 1),
-                                              ("intermittent_drag", 4)])
+@pytest.mark.parametrize(("effect", "seed"), [("bump", 4), ("acceleration_friction", 4), ("intermittent_drag", 4),
+                                              pytest.param("acceleration_friction", 1, marks=pytest.mark.slow)])
 def test_what_no_effect_explains_is_unexplained_and_guessed(effect, seed):
     row = run(Case("outside", (effect,), seed))
     assert row["verdict"] == "unexplained" and row["steps"] == [], row

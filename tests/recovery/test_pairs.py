@@ -48,6 +48,7 @@ def ladder(dataset, keys):
     return _ladder(dataset, base, rungs)
 
 
+@pytest.mark.slow
 def test_a_revision_that_comes_back_ends_the_search_where_nothing_is_missing(dataset, monkeypatch):
     """What is taken out and found again, over and over, was left out in the end, and said to be missing."""
     monkeypatch.setattr(search, "_revised", lambda data, steps, *given: _ladder(data, steps[0], steps[1:-1]))
@@ -119,6 +120,7 @@ def test_two_that_nothing_speaks_against_stay(dataset):
     assert _exchanged(dataset, steps, steps[-1].fit.noise, 0, None) is None
 
 
+@pytest.mark.slow
 def test_effects_that_hide_one_another_are_found_together(tmp_path):
     """No effect by itself has one coefficient here: one after the other they were `unexplained`."""
     study = make("three:load_nonlinearity+configuration_preload+stribeck:1.7:1982", tmp_path, quick=True)

@@ -217,7 +217,7 @@ def test_what_is_not_asked_for_is_not_done():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("where", ["threads", "processes"])
+@pytest.mark.parametrize("where", [pytest.param("threads", marks=pytest.mark.slow), "processes"])
 def test_a_diagnosis_is_the_same_wherever_its_fits_are_computed(hidden, where):
     def told():
         return pc.open(hidden / "study.toml").diagnose().candidates.to_frame().to_csv()
