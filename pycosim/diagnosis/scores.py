@@ -483,7 +483,12 @@ class Scores:
         return less
 
     def left(self):
-        """Least whitened sum of squares with the base inside its bounds, over the variance."""
+        """Least whitened sum of squares with the base inside its bounds, over the variance.
+
+        Returns
+        -------
+        float
+        """
         a, b = self.gram[:self.p, :self.p], self.gram[:self.p, -1]
         return float(self.gram[-1, -1] - bounded(a, b, *self._bounds())[0]) / self.variance
 

@@ -54,6 +54,7 @@ def test_the_loop_goes_forth_and_back(study, tmp_path):
         bench.undo()
 
 
+@pytest.mark.long
 def test_a_region_says_what_its_error_depends_on(study, tmp_path):
     bench = Workbench(tmp_path / "app")
     bench.open(study)
@@ -91,6 +92,7 @@ def test_an_effect_of_one_s_own_joins_the_candidates_and_a_slip_in_it_is_told(st
     assert saved.modelica == [own] and saved.effects == [("stribeck", "2A"), ("quadratic_drag", "1A")]
 
 
+@pytest.mark.long
 def test_work_that_fails_leaves_what_was_there(study, tmp_path):
     bench = Workbench(tmp_path / "app")
     bench.open(study)
@@ -149,6 +151,7 @@ def test_what_fails_stands_at_the_button_that_caused_it(tmp_path):
     assert "this is a fault of pycosim" in session.errors["open"]
 
 
+@pytest.mark.long
 def test_a_dropped_log_is_mapped_by_answers_and_compared(study, tmp_path):
     session = Session(Workbench(tmp_path / "app"))
     session.use(study.parent / "run.csv")

@@ -159,6 +159,7 @@ def test_add_at_a_place_says_when_the_data_do_not_ask_for_it(log, here, capsys):
     assert len(load_study(here / "known_add" / "study.toml").effects) == 2
 
 
+@pytest.mark.long
 def test_quiet_is_quiet(log, capsys):
     run("compare", STUDY, "--data", log, "--quiet")
     told = capsys.readouterr()
@@ -436,6 +437,7 @@ def test_without_a_reference_the_split_of_the_distal_stages_is_reported(here, ca
     assert len(rows) == 2 and all("not determined by itself" in row for row in rows)
 
 
+@pytest.mark.long
 def test_output_closed_early_is_no_fault(log):
     command = f"{sys.executable} -m pycosim.cli compare {STUDY} --data {log} --json | head -c 1 > /dev/null"
     told = subprocess.run(command, shell=True, capture_output=True, text=True, env=ENVIRONMENT)

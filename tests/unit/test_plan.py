@@ -110,6 +110,7 @@ def test_the_profile_s_speed_and_acceleration_are_its_derivatives():
     assert travel[-1] == pytest.approx(3.0 - 0.7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("limits, said", [
     ({"motor__w": (None, 0.02)}, "'motor.w', 0.02 rad/s, is too low"),
     ({"motor__tau": (None, 0.01)}, "'motor.tau'"),
