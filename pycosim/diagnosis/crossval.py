@@ -173,7 +173,7 @@ def gap(one, other, kind):
 
     What two models predict apart tells how far their errors differ where one of them is right, block by block: by its
     squares, up or down, give or take twice their root in units of the noise. A block in which they predict the same
-    tells nothing of them, and no more of the error than it has samples. The noise is at least what it was found to be,
+    tells nothing of them. The noise is at least what it was found to be,
     of the whitened error; and more where the differences are not in proportion to those squares.
 
     Parameters

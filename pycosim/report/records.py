@@ -130,8 +130,7 @@ def diagnosis(found, dataset):
         ``outweighed_by``, what explains much of what it leaves; ``contested``, one that is not added because
         more than five others, or two at once, do as well; ``together``, such pairs, with as many coefficients;
         ``between``, whether something is missing that is over between two samples; ``channels``, what each says for
-        itself; the cards of `cards`, what the log varies, and where an
-        unexplained residual lives.
+        itself; the cards of `cards`, what the log varies, and where an unexplained residual lives.
     """
     return plain({"schema": SCHEMA, "verdict": found.verdict, "error": found.error, "noise_floor": found.noise_floor,
                   "units": dataset.units,

@@ -113,7 +113,7 @@ def test_two_offsets_are_found_in_the_place_of_the_one_that_stood_in_for_both(tm
     assert last == "nothing_missing" and len(found) == 2 and ("reference_offset", "hip") in found, said
 
 
-def test_half_a_sample_of_delay_is_not_nothing_although_it_has_no_name(tmp_path):
+def test_less_than_a_sample_of_delay_is_not_nothing_although_it_has_no_name(tmp_path):
     """It held half of the squared error, at a noise floor that held it too."""
     found = pc.open(make("ordinary_digital:time_delay:1.7:60024", tmp_path, quick=True)).improve()
     assert (found.first.verdict, len(found.steps)) == ("unexplained", 1)
