@@ -63,7 +63,7 @@ false one, of 0.11 of the rest, is not refused."""
 TURNS = 0.25
 """Of the squared error of a channel, from which what is over between two samples is not nothing. Two delays
 of nine tenths of a sample in coarse logs of ordinary motion, 1.2 times the floor, held 0.53 and 0.57; of ten sound
-logs, eight of them of such motion and two at 50 Hz, none had a candidate of that kind at all."""
+logs, seven of them of such motion and two at 50 Hz, none had a candidate of that kind at all."""
 _WITHOUT = WeakKeyDictionary()  # errors of the model without effects, by data set
 
 
