@@ -8,7 +8,7 @@ or a filter does after a turn looks otherwise, and is for the diagnosis to find.
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear, nnls
 
 from ..compile import compile_model
 from ..dynamics.states import propagate
@@ -32,6 +32,8 @@ more may be left. Of eight machines with a travel everywhere that was at most 0.
 at two 37 to 388."""
 TIMES, LATE, LAGS = (0.25, 0.6, 1.6, LONGER, 3 * LONGER), (1, 2, 3, 4, 6, 8, 12, 16), (2, 4, 8)
 """Travels, over the model's own, delays and time constants of filters [samples] that it is compared with."""
+ENOUGH, STEPS, PROBE = 5000, 2, 1e-3
+"""Samples, straight steps, and the part of a parameter that its changes are made of, where the free ones are settled."""
 SPIKE, FEWEST = 10.0, 0.05  # standard deviations off, from which a sample is a spike, and of how many at most
 SEEN = 2.0  # times the squared noise, from which something is off at all
 OFF, TRIMMED, FEW, EACH = 10.0, 0.1, 4, 2
@@ -148,7 +150,7 @@ def compared(dataset, parameters, least, slowest, angles):
     moving, passes = _cut(dataset, least, angles)
     if not dataset.base.segments:
         return moving, passes, least, False
-    travel, at_work = _Travel(dataset, parameters), False
+    travel, at_work = _Travel(dataset, parameters, moving), False
     if np.any(slowest < least):  # there a travel is told from a delay best
         slow, ways = _cut(dataset, slowest, [n for n in angles if not dataset.motion.told_by_speed(n)])
         dense = np.count_nonzero(slow & ~moving) >= EACH * 2 * (len(np.unique(ways)) - 1)  # both ends of each pass
@@ -210,10 +212,11 @@ def off(errors, moving, passes, time):
 class _Travel:
     """What the rig's own travel changes after turns, what else would look like it, and what is measured there.
 
-    No effect of the study counts: samples are the same with what was found as without it.
+    No effect of the study counts, nor what it says of free parameters: samples are the same with what was found as
+    without it, and from any start.
     """
 
-    def __init__(self, dataset, parameters):
+    def __init__(self, dataset, parameters, moving):
         from scipy.signal import lfilter  # only now: it takes as long to import as an export takes
 
         base = compile_model(dataset.library, dataset.study.rig, [])
@@ -227,8 +230,11 @@ class _Travel:
         calm = {n: _mended(dataset, dataset.measured[n]) for n in torques if n in dataset.measured}
         signals = {**dataset.signals, **{n: v for n, v in calm.items() if n in dataset.signals}}
 
-        def predicted(states):
-            return np.array(list(dataset.segment_signals(base, parameters, dataset.outputs, states, signals).values()))
+        def predicted(states, values=None, names=dataset.outputs):
+            return np.array(list(dataset.segment_signals(base, values or parameters, names, states, signals).values()))
+
+        measured = np.array([calm.get(c, dataset.reference(c)) for c in dataset.outputs])
+        parameters = _settled(dataset, base, parameters, moving, measured, lambda v: predicted(sliding, v))
 
         def changed(friction):
             """What each segment's friction state changes in the prediction, segment by segment."""
@@ -243,7 +249,7 @@ class _Travel:
         far = {times: built_up(dataset, base, parameters, times) for times in TIMES}
         late = [np.roll(early, n, axis=1) for n in LATE]
         lagging = [lfilter([1 / (1 + n)], [1, -n / (1 + n)], early, axis=1) for n in LAGS]
-        self.errors = np.array([calm.get(c, dataset.reference(c)) for c in dataset.outputs]) - at_once
+        self.errors = measured - at_once
         self.forces = [base.unit(c) not in ("rad", "m") for c in dataset.outputs]
         self.columns, self.others = changed(early), [changed(f) for f in (*far.values(), *late, *lagging)]
         self.miss, self.longer = early - way, far[LONGER] - way
@@ -254,6 +260,34 @@ class _Travel:
         Smoothed speeds follow it: an encoder's steps go to and fro in slow motion.
         """
         return building_up(self.miss, self.longer, moving, passes, self.time, self.errors, self.columns, others)
+
+
+def _settled(dataset, base, parameters, moving, measured, predicted):
+    """Parameters with the free ones where they leave least of some samples: straight steps, within bounds."""
+    free = [n for n in dataset.parameters.free(base) if n in parameters]
+    some = np.flatnonzero(moving)
+    some = some[::max(len(some) // ENOUGH, 1)]
+    if not free or len(some) <= len(free):
+        return parameters
+    values = np.array([parameters[n] for n in free])
+    least, most, usual = np.array([[v.min if v.unit == "1" or v.min == 0 else -np.inf,
+                                    v.max if v.unit == "1" else np.inf, v.nominal]  # no sizes are known yet
+                                   for v in (base.parameters[n] for n in free)]).T
+
+    def at(x):
+        return predicted({**parameters, **dict(zip(free, map(float, x)))})[:, some]
+
+    for _ in range(STEPS):
+        here = at(values)
+        left = measured[:, some] - here
+        scale = np.maximum(np.median(np.abs(left), axis=1, keepdims=True), 1e-300)
+        probe = PROBE * np.maximum(np.abs(values), usual) * np.where(values < most, 1, -1)
+        rows = np.array([((at(values + h * (np.arange(len(free)) == k)) - here) / scale).ravel()
+                         for k, h in enumerate(probe)]).T
+        room = np.sort([(least - values) / probe, (most - values) / probe], axis=0)
+        step = lsq_linear(rows, (left / scale).ravel(), (np.minimum(room[0], 0) - 1e-9, np.maximum(room[1], 0) + 1e-9))
+        values = np.clip(values + step.x * probe, least, most)
+    return {**parameters, **dict(zip(free, map(float, values)))}
 
 
 def _mended(dataset, values):

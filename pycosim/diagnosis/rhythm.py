@@ -11,9 +11,8 @@ import numpy as np
 
 SHARE = 0.2
 """Of a channel's squared error, from which a beat counts: an error of 1.12 times the noise."""
-CYCLES, BLOCKS = 2.0, 4
-"""Cycles within a usual block that the slowest beat has, for slow noise goes on from block to block; and blocks that
-are needed."""
+CYCLES, BLOCKS = 8.0, 4
+"""Cycles of the slowest beat within the longest run, and blocks that are needed."""
 MOST_FREQUENCIES = 2 ** 18
 FASTEST = 0.4  # of the sampling rate
 OF_MOTION = 0.05  # of its energy, that the motion itself may have there: what repeats with it has no beat of its own
@@ -23,7 +22,8 @@ def rhythms(dataset, model, fit):
     """Beats that the residual of a channel keeps all through the log.
 
     Their frequency is where the periodogram of every second block is largest. Size and phase found there must then
-    predict the blocks between, and the other way round.
+    predict the blocks between, and the other way round; and those of the first half of each run its second one, and the
+    other way round, for slow noise goes on from block to block.
 
     Parameters
     ----------
@@ -47,12 +47,14 @@ def rhythms(dataset, model, fit):
     run, time = dataset.run[view], problem.time
     blocks, number = np.unique(problem.block, return_inverse=True)
     parts = [np.flatnonzero(number % 2 == k) for k in (0, 1)]
-    durations = [np.ptp(time[number == k]) for k in range(len(blocks))]
-    if len(blocks) < BLOCKS or not np.median(durations) > 0:
-        return {}
-    low = CYCLES / np.median(durations)
-    high = FASTEST / np.median(np.diff(dataset.time[dataset.run == run[0]]))
     longest = max(np.ptp(time[run == k]) for k in np.unique(run))
+    if len(blocks) < BLOCKS or not longest > 0:
+        return {}
+    middle = {k: (time[run == k].min() + time[run == k].max()) / 2 for k in np.unique(run)}
+    late = time > np.array([middle[k] for k in run])
+    halves = [np.flatnonzero(late == side) for side in (False, True)]
+    low = CYCLES / longest
+    high = FASTEST / np.median(np.diff(dataset.time[dataset.run == run[0]]))
     count = int(min(4 * longest * (high - low), MOST_FREQUENCIES))
     if count < 2:
         return {}
@@ -64,7 +66,8 @@ def rhythms(dataset, model, fit):
         best = [grid[np.argmax(_power(time[p], r[p], run[p], grid))] for p in parts]
         if abs(best[0] - best[1]) > 2 / longest:
             continue
-        share = min(_predicted(time, r, run, *way, f) for f in best for way in (parts, parts[::-1]))
+        share = min(_predicted(time, r, run, *way, f) for f in best
+                    for way in (parts, parts[::-1], halves, halves[::-1]))
         if share > SHARE and not _moves(time, [s[view] for s in dataset.speeds], run, best[0]):
             found[channel] = float(np.mean(best)), float(share)
     return found
