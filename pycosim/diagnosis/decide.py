@@ -112,7 +112,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     say("looking at what is left")
     hidden = undetectable(table, scores)
     floor = noise_floor(dataset, model, fit)
-    wandering, beats = slow(dataset, model, fit, floor), rhythms(dataset, model, fit)
+    wandering, beats = slow(dataset, model, fit), rhythms(dataset, model, fit)
     between = any(_much_between(base, f) for f in rivals)
     verdict = _verdict(findings, alarm or between or bool(wandering or beats), hidden, dataset, model.attached)
     winner, provisional = (chosen if chosen and chosen.accepted else None), (

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .compare import errors
 from .constancy import ALIKE
-from .dependence import RELEVANT, mirrored, noise_floor
+from .dependence import RELEVANT, calm_floor, mirrored
 
 LEFT = 0.25
 """Of what an effect takes away, that one variable may still explain of what is left, for the effect to be believed by
@@ -97,7 +96,7 @@ def beyond(risen, without):
     return float(np.maximum(added, 0.0).sum()) if added.sum() < 0 else float("inf")
 
 
-def slow(dataset, model, fit, floor=None):
+def slow(dataset, model, fit):
     """Channels of torques or forces whose error is far above what changes from moment to moment, repeat to repeat.
 
     Beside noise that slow, which memory and size of the noise model take in, no test has an effect to find.
@@ -110,18 +109,15 @@ def slow(dataset, model, fit, floor=None):
         That was fitted.
     fit : Fit
         Of that model.
-    floor : dict of str to float, optional
-        As `noise_floor` says it.
 
     Returns
     -------
     dict of str to float
         Share of a channel's squared error that is more than slow noise.
     """
-    if dataset.paired:  # half a difference of out and back holds little that is slow
+    if dataset.paired or dataset.averaged:  # half a difference of out and back holds little that is slow
         return {}
-    floor = floor or noise_floor(dataset, model, fit)
-    left = errors(dataset, model, fit, "all")
+    floor, left = calm_floor(dataset, model, fit)
     sizes = {c: float(np.sqrt(np.mean(dataset.reference(c) ** 2))) for c in dataset.channels}
     found = [c for c in dataset.channels if dataset.base.unit(c) in ("N.m", "N")
              and left[c] ** 2 > SLOW * floor[c] ** 2 and left[c] > VISIBLE * sizes[c]]
