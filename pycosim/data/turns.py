@@ -33,7 +33,7 @@ at two 37 to 388."""
 TIMES, LATE, LAGS = (0.25, 0.6, 1.6, LONGER, 3 * LONGER), (1, 2, 3, 4, 6, 8, 12, 16), (2, 4, 8)
 """Travels, over the model's own, delays and time constants of filters [samples] that it is compared with."""
 ENOUGH, STEPS, PROBE = 5000, 2, 1e-3
-"""Samples, straight steps, and the part of a parameter that its changes are made of, where the free ones are settled."""
+"""Samples and straight steps that settle free parameters, and the part of one that its changes are made of."""
 SPIKE, FEWEST = 10.0, 0.05  # standard deviations off, from which a sample is a spike, and of how many at most
 SEEN = 2.0  # times the squared noise, from which something is off at all
 OFF, TRIMMED, FEW, EACH = 10.0, 0.1, 4, 2

@@ -93,7 +93,8 @@ def clock(study, logs, model):
     """
     step = float(np.median(np.concatenate([np.diff(log.time) for log in logs])))
     angles = [n for n in logs[0].signals if n.endswith(".phi")]
-    fastest = max((_fast(log.time, log.signals[n]) for log in logs for n in angles if n in log.signals), default=0.0)
+    fastest, moves = max(((_fast(log.time, log.signals[n]), model.variables[n].unit) for log in logs for n in angles
+                          if n in log.signals), default=(0.0, ""))
     told = max((float(np.quantile(np.abs(log.signals[n]), 0.99)) for log in logs for n in log.signals
                 if n.endswith(".w")), default=0.0)
     if not fastest:
@@ -111,7 +112,7 @@ def clock(study, logs, model):
             if study.rate is not None:
                 name, mend = f"[data] rate, {study.rate:g},", f"[data]\nrate = {study.rate / factor:.6g}"
             text = (f"{name} is in {unit}, not in {said}: a sample every {step:.4g} s and a fastest motion of "
-                    f"{fastest:.3g} rad/s become {1 / (step * factor):.4g} Hz and {fastest / factor:.3g} rad/s")
+                    f"{fastest:.3g} {moves}/s become {1 / (step * factor):.4g} Hz and {fastest / factor:.3g} {moves}/s")
             named = [name] if study.rate is None else []
             sure = 0.999 if agrees else 0.4 if rushed else 0.98
             return [Finding("unit", text, named, sure, mend=mend)], 1.0 if rushed else factor
