@@ -157,7 +157,8 @@ def derivatives(time, angle, speed=None):
     if speed is not None:
         v = speed * (step / seen)
         apart = 1.4826 * np.median(np.abs(v - curve.first @ found))  # the ends of a curve are less sure
-        spread = max(resolution(v) / np.sqrt(12.0), math.sqrt(max(apart**2 - scatter**2, 0.0)), _SAME * np.abs(v).max())
+        spread = max(resolution(v) / np.sqrt(12.0), math.sqrt(max(apart**2 - scatter**2, 0.0)), _SAME * np.abs(v).max(),
+                     _lagging(v - curve.first @ found, curve.second @ found))
         if spread < noise:  # else it says less of every frequency than the angle does
             band = max(band, _bandwidth(u, v, 1))
             curve, trust = _Curve(u, band), spread / noise
@@ -165,6 +166,12 @@ def derivatives(time, angle, speed=None):
             scatter = min(scatter, spread)
     return Derivatives(curve.first @ found * (seen / step), curve.second @ found * (seen / step**2),
                        float(scatter * seen / step), band / (2 * math.pi * step), trust)
+
+
+def _lagging(off, acceleration):
+    """How far a speed is off by coming late: most samples hardly accelerate, and show little of it."""
+    size = math.sqrt(np.mean(acceleration**2))
+    return abs(np.mean(off * acceleration)) / size if size else 0.0
 
 
 def _bandwidth(u, values, order):

@@ -67,7 +67,8 @@ def check(study, library, model, logs):
     logs = without_outliers(logs)
     every = _Relations(study, library, model, logs, factor, raw)
     apart, sound = every.apart()
-    found += apart + (_Relations(study, library, model, sound, factor, raw) if apart else every).findings()
+    found += apart + (every if len(sound) == len(logs) else _Relations(
+        study, library, model, sound, factor, raw)).findings()
     found += named(study, logs, found)
     return Checked(joined(ordered(found), study), list(study.accept))
 
@@ -103,18 +104,49 @@ class _Relations:
         sound : list of Log
             The runs without.
         """
-        if len(self.logs) < 2 or self.search.given.worst() < BAD:
+        if len(self.logs) < 2:
             return [], self.logs
+        zeros = self._own_zeros()
+        if self.search.given.worst() < BAD and not self._uneven():
+            return zeros, self.logs
         alone = [Search(self.study, self.model, Readings([log], _FEW, self.factor), self.sources, self.relations,
                         self.raw) for log in self.logs]
         worst = [a.given.worst() for a in alone]
-        if max(worst) < max(BAD, LEAST * min(worst)):
-            return [], self.logs
-        mistakes = [a.findings()[0] for a in alone]
+        least = max(BAD, LEAST * min(worst))
+        if max(worst) < least:
+            return zeros, self.logs
+        mistakes = [a.findings()[0] or (self._alone(log) if size >= least and min(worst) < BAD else [])
+                    for a, log, size in zip(alone, self.logs, worst)]
         sound = [log for log, found in zip(self.logs, mistakes) if not found]
         if not sound:
-            return [], self.logs
-        return [_of_run(log, f) for log, found in zip(self.logs, mistakes) for f in found], sound
+            return zeros, self.logs
+        return [_of_run(log, f) for log, found in zip(self.logs, mistakes) for f in found] + zeros, sound
+
+    def _uneven(self):
+        """Whether some run is off by much more of its size than another: all together, it is one of many outliers."""
+        for relation, hold in ((r, self.search.given.holds[k]) for k, r in enumerate(self.relations)):
+            if not isinstance(relation, ModelRelation) or relation.scale or hold.used is None:
+                continue
+            measured = relation.measured(self.few, self.sources)
+            parts = [(self.few.run == k) & hold.used for k in np.unique(self.few.run)]
+            off = [[np.median(np.abs(r[p])) / max(np.sqrt(np.mean(m[p] ** 2)), 1e-300) for p in parts if p.any()]
+                   for r, m in zip(hold.residual, measured)]
+            if any(max(o) > max(BAD, LEAST * min(o)) for o in off):
+                return True
+        return False
+
+    def _alone(self, log):
+        """What a run shows by itself, whose columns disagree by more than any other's."""
+        found = _Relations(self.study, self.library, self.model, [log], self.factor, self.raw).findings()
+        return [f for f in found if f.kind in ("zero", "disagreement")]
+
+    def _own_zeros(self):
+        """Zeros of the joints' encoders in single runs, where most runs agree on another."""
+        told = [encoder_zeros(Readings([log], _FEW, self.factor), self.sources, self.relations, self.columns)
+                for log in self.logs]
+        usual = {c for c in {c for found in told for f in found for c in f.columns}
+                 if sum(any(c in f.columns for f in found) for found in told) > len(told) / 2}
+        return [_of_run(log, f) for log, found in zip(self.logs, told) for f in found if not usual & {*f.columns}]
 
     def findings(self):
         """All findings, those about what the changes leave computed with them.
