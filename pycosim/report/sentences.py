@@ -164,8 +164,9 @@ def summary_data(dataset):
         gone = int(np.count_nonzero(dataset.left_out))
         lines.append(f"{gone} {'sample' if gone == 1 else 'samples'} left out, as [data] leave_out says.")
     if dataset.spiked:
-        lines.append(f"{dataset.spiked} samples of torques are far off their neighbours, and in all by more than the "
-                     "noise: what looks for effects bridges them; [fit] robust = true does so everywhere.")
+        count = "1 sample" if dataset.spiked == 1 else f"{dataset.spiked} samples"
+        lines.append(f"{count} of torques far off the neighbours, in all by more than the noise: what looks for effects "
+                     "bridges that; [fit] robust = true does so everywhere.")
     if dataset.paired:
         lines.append("No torque reference: errors are half the difference between a pass out and its way back.")
     return lines + dataset.shortcomings()

@@ -311,6 +311,10 @@ class Timing:
         if shifted is None:
             return []
         names, shift, _, holds = shifted
+        pairs = {r.angle: r.speed for r in self.relations if isinstance(r, RateRelation)}
+        if shift < 0 and {*names} <= {*pairs}:  # nothing makes an angle early, and every filter a speed late
+            names, shift = tuple(pairs[n] for n in names), -shift
+            holds = self.fitted(names, shift, 0.0)[1]
         holds = {k: h for k, h in holds.items() if isinstance(self.relations[k], RateRelation)}
         ratio, likelihood, before, after = self._worth(holds)
         if ratio < 1 / _BETTER or likelihood < _SURE:
