@@ -21,9 +21,9 @@ OF_MOTION = 0.05  # of its energy, that the motion itself may have there: what r
 def rhythms(dataset, model, fit):
     """Beats that the residual of a channel keeps all through the log.
 
-    Their frequency is where the periodogram of every second block is largest. Size and phase found there must then
-    predict the blocks between, and the other way round; and those of the first half of each run its second one, and the
-    other way round, for slow noise goes on from block to block.
+    Their frequency is where the periodogram is largest. Size and phase found there in every second block must predict
+    the blocks between, and the other way round; and those of the first half of each run its second one, and the other
+    way round, for slow noise goes on from block to block.
 
     Parameters
     ----------
@@ -63,13 +63,10 @@ def rhythms(dataset, model, fit):
     for channel, r in zip(dataset.channels, problem.residual(fit.values)):
         if dataset.base.unit(channel) not in ("N.m", "N"):
             continue
-        best = [grid[np.argmax(_power(time[p], r[p], run[p], grid))] for p in parts]
-        if abs(best[0] - best[1]) > 2 / longest:
-            continue
-        share = min(_predicted(time, r, run, *way, f) for f in best
-                    for way in (parts, parts[::-1], halves, halves[::-1]))
-        if share > SHARE and not _moves(time, [s[view] for s in dataset.speeds], run, best[0]):
-            found[channel] = float(np.mean(best)), float(share)
+        best = grid[np.argmax(_power(time, r, run, grid))]
+        share = min(_predicted(time, r, run, *way, best) for way in (parts, parts[::-1], halves, halves[::-1]))
+        if share > SHARE and not _moves(time, [s[view] for s in dataset.speeds], run, best):
+            found[channel] = float(best), float(share)
     return found
 
 

@@ -165,8 +165,8 @@ def summary_data(dataset):
         lines.append(f"{gone} {'sample' if gone == 1 else 'samples'} left out, as [data] leave_out says.")
     if dataset.spiked:
         count = "1 sample" if dataset.spiked == 1 else f"{dataset.spiked} samples"
-        lines.append(f"{count} of torques far off the neighbours, in all by more than the noise: what looks for effects "
-                     "bridges that; [fit] robust = true does so everywhere.")
+        lines.append(f"{count} of torques far off the neighbours, in all by more than the noise: what looks for "
+                     "effects bridges that; [fit] robust = true does so everywhere.")
     if dataset.paired:
         lines.append("No torque reference: errors are half the difference between a pass out and its way back.")
     return lines + dataset.shortcomings()

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from tiers import cases
 
 from benchmarks.hidden_effects import machine as rig
@@ -376,6 +377,31 @@ def test_a_mistake_of_one_run_is_told_of_that_run_alone(library, tmp_path):
     wrong, = checked(library, load_study(tmp_path / "study.toml")).blocking
     assert wrong.text.startswith("in q1.csv alone: negate tau1: ")
     assert wrong.mend.startswith("# q1.csv: correct tau1 in the file")
+
+
+@pytest.mark.parametrize(("kind", "column", "change"), [
+    ("unit", "C_K", times(100.0, "C_K")), ("zero", "q_H", lambda f: f.assign(q_H=f.q_H + np.pi / 2))])
+def test_a_mistake_of_one_run_among_many_is_no_outlier_of_them_all(kind, column, change, library, tmp_path):
+    names = [f"q{k}" for k in range(4)]
+    for k, name in enumerate(names):
+        frame = sound(seed=k, reference="sensor")
+        (change(frame) if k == 2 else frame).to_csv(tmp_path / f"{name}.csv", index=False)
+    (tmp_path / "study.toml").write_text(STUDY.replace("runs = []", f"runs = {[f'{n}.csv' for n in names]}"))
+    found = [f for f in checked(library, load_study(tmp_path / "study.toml")).findings
+             if f.wrong and f.kind != "limits"]
+    assert [(f.kind, f.columns) for f in found] == [(kind, [column])]
+    assert found[0].text.startswith("in q2.csv alone: ") and "# q2.csv: correct" in found[0].mend
+    assert found[0].blocks == (kind == "unit")
+
+
+def test_of_an_angle_and_its_speed_the_speed_comes_late(library, tmp_path):
+    """A filter makes a speed late; nothing makes an angle early."""
+    frame = sound(extra=("omega",))
+    step = float(np.median(np.diff(frame["time"])))
+    kept = np.exp(-step / (4 * step))
+    slow = frame.assign(**{n: lfilter([1 - kept], [1, -kept], frame[n]) for n in ("omega1", "omega2")})
+    shift, = [f for f in checked(library, study(tmp_path, slow)).findings if f.kind == "shift"]
+    assert shift.columns == ["omega1", "omega2"] and "late" in shift.text
 
 
 def test_an_offset_of_a_reference_is_no_zero_of_a_motor(library, tmp_path):

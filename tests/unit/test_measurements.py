@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.io import savemat
+from scipy.signal import lfilter
 
 from pycosim.core.errors import DataError
 from pycosim.core.units import to_si
@@ -625,6 +626,29 @@ def test_a_measured_speed_makes_speed_and_acceleration_better_and_one_that_lags_
     late = np.interp(t - 0.05, t, speed) + 0.002 * rng.standard_normal(len(t))
     beside = derivatives(t, moved(2**16)[1], late)
     assert np.std(beside.first - speed) < 0.1 * np.std(late - speed)
+
+
+@pytest.mark.parametrize("late", [0.004, -0.004, 0.02])
+def test_a_fine_speed_that_comes_late_is_not_believed_where_the_motion_changes(late):
+    """Most samples hardly accelerate: from their middle error it was believed, and the torque came early."""
+    t, _, speed, _ = moved(500)
+    speed = np.clip(3.0 * np.sin(0.9 * t), -0.8, 0.8)  # cruises, and turns
+    angle = np.round(np.cumsum(speed) * (t[1] - t[0]) * 2**16) / 2**16
+    shown = np.interp(t - late, t, speed)
+    alone, both = derivatives(t, angle), derivatives(t, angle, shown)
+    assert np.std(both.first - speed) < max(1.1 * np.std(alone.first - speed), 0.3 * np.std(shown - speed))
+
+
+def test_a_filter_s_end_of_a_speed_s_noise_is_no_motion():
+    """Noise that rises with the frequency up to a filter, and falls beyond, was followed up to the last frequency."""
+    rng, t = np.random.default_rng(0), np.arange(0, 40, 0.0025)
+    speed = 2.0 * np.cos(1.3 * t) + np.cos(3.1 * t)
+    coarse = 2 * np.pi / 2**13
+    angle = np.round((2 / 1.3 * np.sin(1.3 * t) + np.sin(3.1 * t) / 3.1 + 0.1) / coarse) * coarse
+    noise = np.diff(0.3 * coarse * rng.standard_normal(len(t) + 1)) / 0.0025
+    shown = speed + lfilter([0.4], [1, -0.6], noise)
+    found = derivatives(t, angle, shown)
+    assert np.isfinite(found.trust) and 3.1 / (2 * np.pi) < found.bandwidth < 40.0
 
 
 def test_the_noise_of_a_speed_is_known():

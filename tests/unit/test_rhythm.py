@@ -28,7 +28,7 @@ def slow(rng, time, memory, size):
     return size * noise + rng.normal(size=len(time))
 
 
-@pytest.mark.parametrize(("frequency", "runs"), [(0.73, 1), (7.7, 1), (2.31, 3)])
+@pytest.mark.parametrize(("frequency", "runs"), [(0.73, 1), (7.7, 1), (2.31, 3), (0.41, 1)])
 def test_a_beat_is_found_with_its_frequency_whatever_its_phase_in_each_run(frequency, runs):
     rng, time = np.random.default_rng(4), np.tile(np.arange(6000) * 0.01, runs)
     run = np.repeat(np.arange(runs), 6000)

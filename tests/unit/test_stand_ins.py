@@ -18,7 +18,7 @@ from pycosim.diagnosis.constancy import (
     _straight,
     levels,
 )
-from pycosim.diagnosis.dependence import Dependence, _dependence, _Given, noise_floor
+from pycosim.diagnosis.dependence import Dependence, _dependence, _Given, calm_floor, noise_floor
 from pycosim.diagnosis.remainder import HELD_OUT, LEFT, WANDERS, remaining, rises
 
 
@@ -274,3 +274,21 @@ def test_a_run_that_is_noisier_and_repeats_nothing_has_a_floor_of_its_own():
                               blocks=SimpleNamespace(line=line, speed=np.zeros(9, dtype=int)))
     floor = noise_floor(dataset, None, SimpleNamespace(free=[], parameters={}, values=[]))["C"]
     assert floor == pytest.approx(np.sqrt(6.0), rel=0.08)
+
+
+def test_an_outlier_hides_nothing_that_is_slower_than_noise():
+    """One of 28 N.m, which a turn had kept, was as much as all that a friction had left that grew with the way."""
+    rng, block = np.random.default_rng(2), np.repeat(np.arange(8), 200)
+    noise = 0.2 * rng.standard_normal(1600) + np.where(block % 2, -1.0, 1.0) * (block - 3.5) / 8
+    residual = noise.copy()
+    residual[517] += 28.0
+    floors = []
+    for shown in (noise, residual):
+        problem = SimpleNamespace(time=np.arange(1600) * 0.01 + 5.0 * block, group=block, block=block,
+                                  residual=lambda x, shown=shown: shown[None].copy())
+        dataset = SimpleNamespace(averaged=False, run=np.zeros(1600, int), channels=["C"],
+                                  residuals=lambda *a, problem=problem: problem,
+                                  picks=lambda part: [(1.0, np.arange(1600), None)],
+                                  blocks=SimpleNamespace(line=np.arange(8), speed=np.zeros(8, dtype=int)))
+        floors.append([v["C"] for v in calm_floor(dataset, None, SimpleNamespace(free=[], parameters={}, values=[]))])
+    assert floors[1] == pytest.approx(floors[0], rel=0.01) and floors[0][1] > 1.5 * floors[0][0]
