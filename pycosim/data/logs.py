@@ -16,6 +16,7 @@ from .copies import refuse_copies
 from .frames import Frame
 from .likeness import bare, named_unit
 from .readers import read_parts
+from .stamps import evened
 
 SLOWEST, FASTEST = 10.0, 1e-6
 """Median sample intervals [s] beyond which the time column cannot be in seconds."""
@@ -136,7 +137,9 @@ def read_log(path, study, strict=True):
             table.columns[study.time_column] = (table.rows - first.rows[0]) / study.rate
         gathered.add(table)
     columns, rows = gathered.finish(study.drop_outs)
-    meta = first.meta | ({"file_rows": count, "means_of": every} if every > 1 else {})
+    columns[study.time_column], rounded = evened(columns[study.time_column])
+    meta = first.meta | ({"file_rows": count, "means_of": every} if every > 1 else {}) | (
+        {"rounded_time": rounded} if rounded else {})
     log = Log(path.name, path, columns[study.time_column], _signals(path, columns, study, used),
               columns.get(study.labels), gathered.dropped, meta, rows, first.header,
               {c.variable: n for n, c in study.columns.items()})

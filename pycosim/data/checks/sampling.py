@@ -48,6 +48,9 @@ def rate(logs):
             for k in np.flatnonzero(s > _GAP * u)]
     if gaps:
         text += f"; {len(gaps)} {'gap' if len(gaps) == 1 else 'gaps'}, the longest {max(b - a for a, b in gaps):.3g} s"
+    rounded = max(log.meta.get("rounded_time", 0.0) for log in logs)
+    if rounded:
+        text += f"; times, which are rounded to {rounded:g} s, are taken as even"
     uneven = max(float(1.4826 * np.median(np.abs(s - u)) / u) for s, u in zip(steps, usual))
     if uneven > _UNEVEN:
         text += f"; the interval scatters by {100 * uneven:.0f} %"

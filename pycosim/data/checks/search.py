@@ -43,6 +43,7 @@ _GAIN = 1.5  # factor by which it must lower it
 _FACTOR = 0.3  # relative error from which a torque may be off by a factor outside the next
 _SAME = 0.2  # logarithm within which two factors are one
 _STARTS = 4.0, 16.0  # times the study's values
+_DOUBT = 0.5  # of what is sure of a change that leaves the load's weight as wrong as it was: noisy motion does that
 _PLAUSIBLE = 0.5, 2.0  # factors of a torque that a wrong torque constant may have
 
 
@@ -347,10 +348,17 @@ class Search:
                 text += f"; {' or '.join(c.text for c in also[:2])} would do as well"
             text += self._or_references(change, state)
             found.append(Finding(change.kind, text, [self.columns.of(v) for v in change.sources],
-                                 certainty(self.given, state, len(also)), before, then,
+                                 certainty(self.given, state, len(also)) * (_DOUBT if self._unmended(
+                                     change, state) else 1.0), before, then,
                                  after.lines(self.columns, change.variables)))
             done = there
         return found, state
+
+    def _unmended(self, change, state):
+        """Whether what the load weighs, which the change touches, follows from nothing with it as without it."""
+        return any(getattr(r, "name", "") == "weight" and change.variables & r.variables and min(
+            min(s.holds[k].relative.values(), default=0.0) for s in (self.given, state)) > UNLIKE
+            for k, r in enumerate(self.relations))
 
     def _or_references(self, change, state):
         """What a factor of the motors' torques may be instead: the load seems that much lighter than the rig's."""
