@@ -281,9 +281,11 @@ def _settled(dataset, base, parameters, moving, measured, predicted):
         here = at(values)
         left = measured[:, some] - here
         scale = np.maximum(np.median(np.abs(left), axis=1, keepdims=True), 1e-300)
-        probe = PROBE * np.maximum(np.abs(values), usual) * np.where(values < most, 1, -1)
+        probe = PROBE * np.maximum(np.maximum(np.abs(values), usual), 1e-9) * np.where(values < most, 1, -1)
         rows = np.array([((at(values + h * (np.arange(len(free)) == k)) - here) / scale).ravel()
                          for k, h in enumerate(probe)]).T
+        if not (np.isfinite(rows).all() and np.isfinite(left).all()):
+            break
         room = np.sort([(least - values) / probe, (most - values) / probe], axis=0)
         step = lsq_linear(rows, (left / scale).ravel(), (np.minimum(room[0], 0) - 1e-9, np.maximum(room[1], 0) + 1e-9))
         values = np.clip(values + step.x * probe, least, most)
