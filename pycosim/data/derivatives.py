@@ -28,10 +28,6 @@ _REACH, _LOOSE = 6.0, 0.3  # time constants near an end, and the share of the ti
 _TRIED = 60  # bandwidths
 _SHORT = 16  # samples, of which no spectrum is worth taking
 _KNOTS = 0.5  # distance of the knots, over the time constant of the bandwidth
-_HUMP, _RISEN, _COARSE = 0.25, 1.0, 0.1
-"""Misfit of a speed's density that falls, rises and falls, over that of one that falls and rises, and logarithm of the
-rise, from which a filter ends its noise; and noise of the speed over that of the angle, from which that is asked. One
-that was differentiated and filtered had seemed to be motion up to the last frequency."""
 _SAME = 1e-7  # of the travel: rounding of numbers; no sensor resolves less
 
 
@@ -164,7 +160,7 @@ def derivatives(time, angle, speed=None):
         spread = max(resolution(v) / np.sqrt(12.0), math.sqrt(max(apart**2 - scatter**2, 0.0)), _SAME * np.abs(v).max(),
                      _lagging(v - curve.first @ found, curve.second @ found))
         if spread < noise:  # else it says less of every frequency than the angle does
-            band = max(band, _bandwidth(u, v, 1, spread > _COARSE * noise))
+            band = max(band, _bandwidth(u, v, 1))
             curve, trust = _Curve(u, band), spread / noise
             found = curve.fit(y / noise, band, v / noise, trust) * noise
             scatter = min(scatter, spread)
@@ -178,7 +174,7 @@ def _lagging(off, acceleration):
     return abs(np.mean(off * acceleration)) / size if size else 0.0
 
 
-def _bandwidth(u, values, order, filtered=False):
+def _bandwidth(u, values, order):
     """Bandwidth with which a curve misses least of the motion and takes least of the noise with it [rad a sample].
 
     The difference of this order of the values is the acceleration. Its density falls where it is that of the motion and
@@ -201,7 +197,7 @@ def _bandwidth(u, values, order, filtered=False):
     count = np.bincount(number)
     level = np.log(np.bincount(number, density[first:]) / count)
     centre = np.bincount(number, frequency[first:]) / count
-    turn = centre[_turn(level, np.sqrt(count), filtered)]
+    turn = centre[_turn(level, np.sqrt(count))]
     tried = np.geomspace(turn / 2, math.pi, _TRIED)
     # how a curve of least jerk lets go of angles, or of speeds
     lost = 1.0 - 1.0 / (1.0 + (frequency / tried[:, None])**(2 * (_ORDER - 2 + order)))
@@ -214,26 +210,15 @@ def _changes(u, values, order):
     return np.diff(np.interp(np.arange(math.floor(u[0]), math.floor(u[-1]) + 1.0), u, values), order)
 
 
-def _turn(level, weight, filtered=False):
-    """Index at which values that fall and then rise, but for their scatter, turn; a filter lets them fall again."""
+def _turn(level, weight):
+    """Index at which values that fall and then rise, but for their scatter, turn."""
     def misfit(values, weights, rising):
         if not len(values):
             return 0.0
         return weights @ (values - isotonic_regression(values, weights=weights, increasing=rising).x)**2
-
-    def least(end):
-        errors = [misfit(level[:k], weight[:k], False) + misfit(level[k:end], weight[k:end], True)
-                  for k in range(1, end + 1)]
-        return min(errors), int(np.flatnonzero(np.array(errors) <= min(errors) * (1 + 1e-6))[-1])
-
-    whole, turn = least(len(level))
-    if filtered:
-        ends = [(e + misfit(level[end:], weight[end:], False), k) for end in range(2, len(level))
-                for e, k in [least(end)]]
-        error, valley = min(ends, default=(whole, turn))
-        if error < _HUMP * whole and level[valley:].max() - level[valley] > _RISEN:
-            turn = valley
-    return turn
+    errors = [misfit(level[:k], weight[:k], False) + misfit(level[k:], weight[k:], True)
+              for k in range(1, len(level) + 1)]
+    return int(np.flatnonzero(np.array(errors) <= min(errors) * (1 + 1e-6))[-1])  # rounding decides no draw
 
 
 class _Curve:

@@ -36,7 +36,7 @@ ENOUGH, STEPS, PROBE = 5000, 2, 1e-3
 """Samples and straight steps that settle free parameters, and the part of one that its changes are made of."""
 SPIKE, FEWEST = 10.0, 0.05  # standard deviations off, from which a sample is a spike, and of how many at most
 SEEN = 2.0  # times the squared noise, from which something is off at all
-OFF, TRIMMED, FEW, EACH = 10.0, 0.1, 4, 2
+OFF, TRIMMED, FEW, EACH = 8.0, 0.1, 4, 2
 """Times the squared noise, from which slow samples are off, in the mean of the ends of passes without the least and the
 most so many of them (a spike is no law), how many ends tell, and samples of each: one jump between two samples does not
 say where it was, and a delay of 31 ms at 50 Hz was 43 with it."""

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.io import savemat
-from scipy.signal import lfilter
 
 from pycosim.core.errors import DataError
 from pycosim.core.units import to_si
@@ -637,18 +636,6 @@ def test_a_fine_speed_that_comes_late_is_not_believed_where_the_motion_changes(l
     shown = np.interp(t - late, t, speed)
     alone, both = derivatives(t, angle), derivatives(t, angle, shown)
     assert np.std(both.first - speed) < max(1.1 * np.std(alone.first - speed), 0.3 * np.std(shown - speed))
-
-
-def test_a_filter_s_end_of_a_speed_s_noise_is_no_motion():
-    """Noise that rises with the frequency up to a filter, and falls beyond, was followed up to the last frequency."""
-    rng, t = np.random.default_rng(0), np.arange(0, 40, 0.0025)
-    speed = 2.0 * np.cos(1.3 * t) + np.cos(3.1 * t)
-    coarse = 2 * np.pi / 2**13
-    angle = np.round((2 / 1.3 * np.sin(1.3 * t) + np.sin(3.1 * t) / 3.1 + 0.1) / coarse) * coarse
-    noise = np.diff(0.3 * coarse * rng.standard_normal(len(t) + 1)) / 0.0025
-    shown = speed + lfilter([0.4], [1, -0.6], noise)
-    found = derivatives(t, angle, shown)
-    assert np.isfinite(found.trust) and 3.1 / (2 * np.pi) < found.bandwidth < 40.0
 
 
 def test_the_noise_of_a_speed_is_known():
