@@ -7,7 +7,6 @@ from .crossval import difference, gap
 ALIKE = 0.2  # of what the best takes away, that an alternative may leave
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
 PLAIN = 0.05  # of the plain squared error, by which it must be lower to decide: something else that is missing moves it
-ROOM = 3  # alternatives, within which corrections of others are told as well
 CONTESTED, KINDS = 5, 3
 """Alternatives beyond which none is a name, and effects, of which so many may be alternatives at any places. A constant
 torque has six names: offset of motor or reference, asymmetry with or without its growth at low speed, a far spring, a
@@ -114,7 +113,7 @@ def plainly_better(base, earned):
 def by_kind(findings, named=(), refines=None):
     """Findings in their order, yet each effect once before any of them at a second place, and corrections last.
 
-    A correction of what is named does as well because that does: it is no other name, and is told where there is room.
+    A correction of what is named does as well because that does: it is no other name.
 
     Parameters
     ----------
@@ -128,14 +127,13 @@ def by_kind(findings, named=(), refines=None):
     Returns
     -------
     list of Finding
-        The same ones, without corrections of others after the first `ROOM`.
+        The same ones.
     """
     known, ranks, about = {}, [], {*named, *(f.effect for f in findings)}
     for f in findings:
         known[f.effect] = known.get(f.effect, 0) + 1
         ranks.append(((refines or {}).get(f.effect) in about, known[f.effect]))
-    told = sorted(zip(ranks, findings), key=lambda pair: pair[0])
-    return [f for k, ((correction, _), f) in enumerate(told) if k < ROOM or not correction]
+    return [f for _, f in sorted(zip(ranks, findings), key=lambda pair: pair[0])]
 
 
 def too_many(finding, refines):

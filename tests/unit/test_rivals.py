@@ -9,7 +9,7 @@ from pycosim.compile import Library, compile_model
 from pycosim.diagnosis.crossval import Selection, _cross_validate, _in_branches, _predictive, difference, gap
 from pycosim.diagnosis.decide import _considered
 from pycosim.diagnosis.finding import Finding
-from pycosim.diagnosis.rivals import CONTESTED, KINDS, ROOM, alike, by_kind, too_many
+from pycosim.diagnosis.rivals import CONTESTED, KINDS, alike, too_many
 from pycosim.diagnosis.trials import pressed
 from pycosim.fit.bounded import bounded
 from pycosim.fit.least_squares import Fit
@@ -113,17 +113,6 @@ def test_so_many_effects_leave_no_name_but_many_places_of_a_few_do():
     assert too_many(with_twins(others[:KINDS], ["1A", "1B"]), {})
     assert not too_many(with_twins(others, ["1A"]), {"stribeck": "viscous"}), "it does as well because that does"
     assert too_many(with_twins(others, ["1A"]), {"stribeck": "time_delay"}), "which is not among them"
-
-
-def test_corrections_of_what_is_named_are_told_last_and_where_there_is_room():
-    refines = {"stribeck_asymmetry": "direction_asymmetry"}
-    many = [Finding(e, "1A") for e in ("stribeck_asymmetry", "direction_asymmetry", "reference_offset", "joint_spring")]
-    assert [f.effect for f in by_kind(many, ["torque_offset"], refines)] == [f.effect for f in many[1:]]
-    few = many[:ROOM]
-    assert [f.effect for f in by_kind(few, ["torque_offset"], refines)] == [
-        "direction_asymmetry", "reference_offset", "stribeck_asymmetry"]
-    unrelated = [f for f in many if f.effect != "direction_asymmetry"] + [Finding("reference_zero", "hip")]
-    assert by_kind(unrelated, ["torque_offset"], refines) == unrelated, "of nothing that is told"
 
 
 def test_what_one_fold_alone_tells_leaves_no_rounding_in_the_others():
