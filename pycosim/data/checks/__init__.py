@@ -106,11 +106,11 @@ class _Relations:
         """
         if len(self.logs) < 2:
             return [], self.logs
-        zeros = self._own_zeros()
+        each = [Readings([log], _FEW, self.factor) for log in self.logs]
+        zeros = self._own_zeros(each)
         if self.search.given.worst() < BAD and not self._uneven():
             return zeros, self.logs
-        alone = [Search(self.study, self.model, Readings([log], _FEW, self.factor), self.sources, self.relations,
-                        self.raw) for log in self.logs]
+        alone = [Search(self.study, self.model, one, self.sources, self.relations, self.raw) for one in each]
         worst = [a.given.worst() for a in alone]
         least = max(BAD, LEAST * min(worst))
         if max(worst) < least:
@@ -140,10 +140,9 @@ class _Relations:
         found = _Relations(self.study, self.library, self.model, [log], self.factor, self.raw).findings()
         return [f for f in found if f.kind in ("zero", "disagreement")]
 
-    def _own_zeros(self):
+    def _own_zeros(self, each):
         """Zeros of the joints' encoders in single runs, where most runs agree on another."""
-        told = [encoder_zeros(Readings([log], _FEW, self.factor), self.sources, self.relations, self.columns)
-                for log in self.logs]
+        told = [encoder_zeros(one, self.sources, self.relations, self.columns) for one in each]
         usual = {c for c in {c for found in told for f in found for c in f.columns}
                  if sum(any(c in f.columns for f in found) for found in told) > len(told) / 2}
         return [_of_run(log, f) for log, found in zip(self.logs, told) for f in found if not usual & {*f.columns}]
