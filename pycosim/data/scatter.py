@@ -66,8 +66,8 @@ def noise_level(dataset, model, parameters, part="fit"):
     return np.sqrt(np.where(total > 0, total, 1.0))
 
 
-def driven(dataset, model, parameters, part="fit"):
-    """Whether each segment drives its load at each sample or is driven by it: the branch of its friction.
+def loads(dataset, model, parameters, part="fit"):
+    """Load of each segment at each sample, as the motion predicts it, in units of the noise of that load.
 
     Parameters
     ----------
@@ -82,16 +82,22 @@ def driven(dataset, model, parameters, part="fit"):
 
     Returns
     -------
-    ndarray of bool, shape (any, n)
-        One row a segment, two where ways out and back are paired; none where no segment carries a load.
+    ndarray, shape (any, n)
+        Positive where the segment drives its load, else it is driven: the branch of its friction. One row a segment,
+        two where ways out and back are paired; none where no segment carries a load. Infinite where a load has no
+        noise: it is not computed from a measured torque.
     """
     names = [f"{c}.{v}" for c in dataset.base.segments for v in ("L", "w")]
     known = dataset.segment_signals(model, parameters, names, None, dataset.exogenous())
-    powers = np.array([known[f"{c}.L"] * known[f"{c}.w"] for c in dataset.base.segments if f"{c}.L" in known])
-    picks = dataset.picks(part)
-    if not len(powers):
-        return np.zeros((0, len(picks[0][1])), dtype=bool)
-    return np.concatenate([take(powers) > 0 for _, _, take in picks])
+    noisy = dataset.segment_signals(model, parameters, names)
+    picks, carried = dataset.picks(part), [c for c in dataset.base.segments if f"{c}.L" in known]
+    if not carried:
+        return np.zeros((0, len(picks[0][1])))
+    load = np.array([known[f"{c}.L"] * np.sign(known[f"{c}.w"]) for c in carried])
+    off = np.abs([noisy[f"{c}.L"] - known[f"{c}.L"] for c in carried])
+    noise = 1.4826 * np.median(np.concatenate([take(off) for _, _, take in picks], axis=1), axis=1, keepdims=True)
+    with np.errstate(divide="ignore"):
+        return np.concatenate([take(np.where(load == 0.0, 0.0, load / noise)) for _, _, take in picks])
 
 
 def responses(dataset, model, parameters, names):

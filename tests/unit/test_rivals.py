@@ -130,18 +130,28 @@ def test_what_one_fold_alone_tells_leaves_no_rounding_in_the_others():
 
 
 def test_no_rival_does_better_by_taking_samples_without_load_for_the_noisier_branch():
-    loaded = np.arange(100)[None] < 60
-    beside = np.where(loaded, 1.0, 1.3)
-    other = np.arange(100)[None] < 50  # ten samples more in the noisy branch, and a response 2 % smaller
-    level = 0.98 * np.where(other, 1.0, 1.3)
-    assert _in_branches(level, other, beside, loaded) == pytest.approx(0.98 * beside)
-    assert _in_branches(level, loaded, beside, loaded) is level
+    loads = np.where(np.arange(100) < 60, 2.0, -2.0)[None]  # over their noise
+    beside = np.where(loads > 0, 1.0, 1.3)
+    other = np.where(np.arange(100) < 50, 2.0, -2.0)[None]  # ten samples more in the noisy branch
+    level = 0.98 * np.where(other > 0, 1.0, 1.3)  # and a response 2 % smaller
+    assert _in_branches(level, other, beside, loads) == pytest.approx(0.98 * beside)
+    assert _in_branches(level, loads, beside, loads) is level
 
 
 def test_a_sample_in_another_s_branch_has_the_level_that_is_the_model_s_own_there():
-    loaded, other = np.arange(100)[None] < 60, np.arange(100)[None] < 50
-    beside, level = np.where(loaded, 1.0, 1.3), np.where(other, 1.05, 1.2)  # branches that differ less
-    assert _in_branches(level, other, beside, loaded) == pytest.approx(np.where(loaded, 1.05, 1.2))
+    loads, other = (np.where(np.arange(100) < n, 2.0, -2.0)[None] for n in (60, 50))
+    beside, level = np.where(loads > 0, 1.0, 1.3), np.where(other > 0, 1.05, 1.2)  # branches that differ less
+    assert _in_branches(level, other, beside, loads) == pytest.approx(np.where(loads > 0, 1.05, 1.2))
+
+
+def test_a_rival_that_moves_loads_far_beyond_their_noise_leaves_the_noise_of_its_own_branch():
+    loads, other = (np.where(np.arange(100) < n, 40.0, -40.0)[None] for n in (60, 90))
+    beside, level = np.where(loads > 0, 1.0, 1.3), np.where(other > 0, 1.0, 1.3)
+    assert _in_branches(level, other, beside, loads) is level
+    two = np.concatenate([loads, np.where(np.arange(100) < 5, 1.0, -1.0)[None]])  # another segment, almost without load
+    turned = np.concatenate([other, -two[1:]])
+    found = _in_branches(level, turned, 0.9 * beside, two)[0] != level[0]
+    assert np.array_equal(np.flatnonzero(~found), np.arange(60, 90)), "those that the first segment has turned in"
 
 
 def refitted(effect, squares, white):
