@@ -49,6 +49,8 @@ class Pair:
         One of either effect.
     clear : bool
         Whether it does better than the one effect that it may be in the place of, by more than luck of so many pairs.
+    common : set of (str, str)
+        Of its effects, those that all pairs have that unseen folds cannot tell from it.
     """
 
     candidates: tuple
@@ -61,11 +63,17 @@ class Pair:
     selection: object = None
     findings: list = field(default_factory=list)
     clear: bool = False
+    common: set = field(default_factory=set)
 
     @property
     def keys(self):
         """Effect and place of either."""
         return tuple(c.key for c in self.candidates)
+
+    @property
+    def size(self):
+        """Coefficients of both, those of their grids with them."""
+        return sum(map(_size, self.candidates))
 
     @property
     def shares(self):
@@ -109,10 +117,11 @@ def fitted(dataset, base, keys, fit, seed, progress):
 
 
 def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
-    """The pairs that do as well as one effect that has as many coefficients, fitted; best first on unseen folds.
+    """The pairs that do as well as one effect, fitted; best first on unseen folds.
 
     They are looked for where the winner is in the model: from there on the branches of friction are the right ones, and
-    what each pair would do in its place is told by the moments of the fit with it.
+    what each pair would do in its place is told by the moments of the fit with it. A pair may have one coefficient more
+    where it takes more by what outdoes an effect.
 
     Parameters
     ----------
@@ -144,12 +153,14 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     own = {n: 0.0 for n in winner.fit.free if n.startswith(f"{base}.")}
     own.update({f"{base}.{c}": winner.fit.parameters[f"{base}.{c}"] - larger.parameters[f"{base}.{c}"].value
                 for c in larger.attached[-1][0].size if f"{base}.{c}" in own})
-    less = scores.lacking(own)
-    some = likely(less, REFITS, len(own), less.left() - scores.left() - 2.0 * SEPARATE ** 2)
+    less, luck = scores.lacking(own), _luck(len(scores.results))
+    takes = less.left() - scores.left()
+    least = {len(own): takes - 2.0 * SEPARATE ** 2, len(own) + 1: takes + luck + 2.0}
+    some = likely(less, REFITS, least)
     alone = select(here, without, lacking, noise)
     found = _refitted(here, without, winner.fit, lacking, some, noise, alone, progress)
     found = [p for p in found if _as_well(p.selection, winner.selection)]
-    if clear := [p for p in found if _outdoes(p.selection, winner.selection, len(scores.results))]:
+    if clear := [p for p in found if _outdoes(p, winner, luck)]:
         table = Table(here, without, lacking)
         _tell(Scores(table, seed), table, alone, found)
         for pair in clear:
@@ -187,14 +198,16 @@ def _as_well(pair, rival):
     return gap(pair, rival, "white")[0] < 2.0 * SEPARATE ** 2 and "raw" not in behind(pair, rival)
 
 
-def _outdoes(pair, rival, candidates):
-    """Whether two effects are chosen for one that has as many coefficients.
+def _luck(candidates):
+    """What it takes to be chosen by luck of so many more: of n candidates there are n / 2 times as many pairs."""
+    return 2.0 * SEPARATE ** 2 + 2.0 * np.log(max(candidates / 2, 1.0))
 
-    By what tells two rivals apart, and by what it takes to be chosen by luck of so many more: of n candidates there are
-    n / 2 times as many pairs.
-    """
-    least = 2.0 * SEPARATE ** 2 + 2.0 * np.log(max(candidates / 2, 1.0))
-    return gap(rival, pair, "white")[0] > least
+
+def _outdoes(pair, winner, luck):
+    """Whether two effects are chosen for one, by what tells two rivals apart beyond luck and a coefficient more."""
+    gain, spread = gap(winner.selection, pair.selection, "white")
+    more = len(pair.fit.free) - len(winner.fit.free)
+    return gain > luck + 2.0 * more and (more <= 0 or gain > SEPARATE * spread)
 
 
 def _tell(scores, table, alone, found):
@@ -211,6 +224,7 @@ def _tell(scores, table, alone, found):
     found.sort(key=lambda p: p.selection.white.sum() + 2 * len(p.fit.free))
     for pair in found:
         near = [p for p in found if p is not pair and alike(alone, p.selection, pair.selection)]
+        pair.common = {*pair.keys}.intersection(*(p.keys for p in near))
         for finding, other in zip(pair.findings, reversed(pair.findings)):
             finding.twins = instead(near, finding, other)
 
@@ -235,7 +249,7 @@ def instead(near, finding, other):
     return finding.twins + [{"effect": e, "place": p} for e, p in dict.fromkeys(f.key for f in by_kind(new))]
 
 
-def likely(scores, most, largest=np.inf, least=0.0):
+def likely(scores, most, least=None):
     """The pairs that explain most together, each at its best grid points.
 
     Parameters
@@ -244,16 +258,16 @@ def likely(scores, most, largest=np.inf, least=0.0):
         Of the model that lacks both.
     most : int
         Pairs that are wanted.
-    largest : int
-        Coefficients that a pair may have.
-    least : float
-        What it must take at least.
+    least : dict of int to float, optional
+        By the coefficients that a pair may have at most, what it must take at least; any pair by default.
 
     Returns
     -------
     list of Pair
         Best first, within the coefficients' bounds; no two effects at one component are the same.
     """
+    least = least or {np.inf: 0.0}
+    largest = max(least)
     candidates = [s.candidate for s in scores.results if s.visible and _size(s.candidate) < largest]
     if len(candidates) < 2:
         return []
@@ -267,8 +281,9 @@ def likely(scores, most, largest=np.inf, least=0.0):
                     candidate, candidates[other]) and _size(candidate) + _size(candidates[other]) <= largest:
                 best[keys] = taken[other], candidate, candidates[other]
     ordered = sorted(best.values(), key=lambda found: -found[0])[:20 * most]
-    pairs = [p for _, a, b in ordered if (p := Pair((a, b), *scores.fall(a, b))).value > least]
-    return _varied(sorted(pairs, key=lambda p: -(p.value - 2 * sum(map(_size, p.candidates)))), most)
+    pairs = [Pair((a, b), *scores.fall(a, b)) for _, a, b in ordered]
+    pairs = [p for p in pairs if p.value > least[min(n for n in least if n >= p.size)]]
+    return _varied(sorted(pairs, key=lambda p: -(p.value - 2 * p.size)), most)
 
 
 def _size(candidate):

@@ -266,7 +266,7 @@ def improve(dataset, model=None, seed=0, progress=None):
         steps, last = _grow(dataset, steps, last, seed, progress)
         seen.append({s.added for s in steps})
         revised = _revised(dataset, steps, last.noise, seed, progress, without)
-        if revised is None and last.verdict == "unexplained" and not last.between:
+        if revised is None and last.verdict == "unexplained" and not (last.between or last.contested):
             revised = _exchanged(dataset, steps, last.noise, seed, progress)
         revised = revised or _spared(dataset, steps, last.noise, seed, progress)
         if revised is None or len(seen) > 2 * MOST or {s.added for s in revised} in seen:  # it would come back again
@@ -595,25 +595,33 @@ def _gained(fulls, pair):
 
 
 def _doubled(dataset, steps, found, seed, progress):
-    """The ladder with two effects of one coefficient in the place of a winner of several, and its diagnosis; or None.
+    """The ladder with two effects in the place of a winner, and its diagnosis; or None.
 
-    A spring about a joint does, to the noise, what a wrong zero of the reference does beside a wrong torque constant.
-    Where a pair predicts better by more than the luck of so many pairs, it is what is missing. Where one does as well,
-    nobody knows which of both it is, and the winner is none.
+    A spring about the joint does, to the noise, what a wrong zero of the reference does beside a wrong torque constant.
+    Where a pair predicts better by more than the luck of so many pairs, it is what is missing; what other pairs
+    that do as well lack, or what has too many alternatives, is left to the next diagnosis. Where that leaves neither,
+    or a pair of no more coefficients does as well as the winner, nobody knows what is missing: the winner is none.
     """
     winner, step = found.winner, steps[-1]
-    if len(winner.coefficients) < 2:
-        return None, None
     larger = compile_model(dataset.library, step.model.rig, [*step.model.keys, winner.key])
     table = Table(dataset.sliding(larger).settled(larger, winner.fit.parameters), larger, winner.fit)
     found.known = table, Scores(table, seed + len(steps))
     some = pairs.doubles(dataset, step.model, step.fit, winner, found.noise, found.known[1], seed, progress)
     for pair in [p for p in some if p.clear][:1]:
-        ahead, last = _followed(dataset, steps, pair, seed, progress)
-        if ahead is not None:
-            return ahead, last
-    if some:
-        found.contest([p.keys for p in some[:SHOWN]])
+        path, last = _followed(dataset, steps, pair, seed, progress)
+        if path is None:
+            continue
+        if _named(dataset, path, last.noise, len(steps), progress) == len(path) and pair.common == {*pair.keys}:
+            return path, last
+        refines = corrections(dataset.library)
+        sure = [s for s in path[len(steps):] if s.added in pair.common and not too_many(s.finding, refines)]
+        if sure:
+            path = _ladder(dataset, steps[0], [*steps[1:], *sure])
+            return path, diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
+        found.contest([p.keys for p in some if p.clear][:SHOWN])
+        return None, None
+    if equal := [p.keys for p in some if len(p.fit.free) <= len(winner.fit.free)]:
+        found.contest(equal[:SHOWN])
     return None, None
 
 
@@ -625,7 +633,9 @@ def _together(dataset, steps, seed, progress):
     """
     keys = [s.added for s in steps[1:]]
     pair = next(iter(pairs.fitted(dataset, steps[0].model, keys, steps[-1].fit, seed, progress)), None)
-    return (None, None) if pair is None else _followed(dataset, steps, pair, seed, progress)
+    path, last = (None, None) if pair is None else _followed(dataset, steps, pair, seed, progress)
+    named = path is not None and _named(dataset, path, last.noise, len(steps), progress) == len(path)
+    return (path if named else None), last
 
 
 def _followed(dataset, steps, pair, seed, progress):
@@ -634,8 +644,7 @@ def _followed(dataset, steps, pair, seed, progress):
     while True:
         last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
         if _shortfall(dataset, path, last.noise, len(steps), seed) <= 1.0:
-            named = _named(dataset, path, last.noise, len(steps), progress) == len(path)
-            return (path if named else None), last
+            return path, last
         chosen = last.winner or last.provisional
         if chosen is None or len(path) - len(steps) >= AHEAD:
             return None, None

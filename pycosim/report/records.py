@@ -128,7 +128,8 @@ def diagnosis(found, dataset):
         effect beside which a candidate's evidence vanishes; ``refused``, why a refitted candidate is no finding;
         ``varies_with``, what the coefficient of one that stands in for another law differs over, and
         ``outweighed_by``, what explains much of what it leaves; ``contested``, one that is not added because
-        more than five others, or two at once, do as well; ``together``, such pairs, with as many coefficients;
+        more than five others, or two at once, do as well; ``together``, such pairs, which do better or have no more
+        coefficients;
         ``between``, whether something is missing that is over between two samples; ``channels``, what each says for
         itself; the cards of `cards`, what the log varies, and where an unexplained residual lives.
     """

@@ -596,7 +596,7 @@ def equals(best):
     some = joined(_names([best, *best["twins"]]))
     if best.get("together"):
         two = joined([" with ".join(_names(pair)) for pair in best["together"]])
-        return f"two effects at once explain it no worse than one with as many coefficients: {two}; the one is {some}"
+        return f"two effects at once explain it no worse than one: {two}; the one is {some}"
     kinds = {c["effect"] for c in [best, *best["twins"]]}
     return f"{len(kinds)} effects of the library explain it equally well, too many to name one: {some}"
 

@@ -93,7 +93,7 @@ class Verdict:
             kinds = {c["effect"] for c in [contested, *contested["twins"]]}
             if contested.get("together"):
                 return (f"Something is missing: {_named(contested['effect'], contested['place'])}, or two effects at "
-                        "once that explain it as well")
+                        "once that explain it no worse")
             return f"Something is missing, and {len(kinds)} effects explain it equally well"
         if sentences.between_of(self.first):
             return "Something is missing that is over within a few samples"

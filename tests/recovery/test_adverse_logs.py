@@ -247,3 +247,15 @@ def test_an_offset_of_each_run_s_own_is_told_as_what_differs_from_run_to_run(tmp
     found = pc.open(study).fit().diagnose()
     assert found.verdict == "unexplained" and found.to_dict()["residual_depends_on"][0]["variable"] == "run"
     assert "differs from run to run" in " ".join(found.sentences)
+
+
+def test_offsets_that_bring_whole_passes_into_the_quieter_branch_are_not_what_is_missing(tmp_path):
+    """Beside a preload ten effects do what a wrong centre of mass does; two offsets did better by noise they left."""
+    first, last, found, shown = hidden("reference_centre:configuration_preload:2.4:1860005", tmp_path)
+    assert (first, last, found) == ("missing_effect", "unexplained", [("configuration_preload", "1B+2B")]), shown
+
+
+def test_two_effects_are_looked_for_in_the_place_of_one_of_one_coefficient(tmp_path):
+    """A saturation of both motors did most of what a law of the load and a wrong centre of mass do."""
+    first, last, found, shown = hidden("reference_centre:load_nonlinearity:1.3:60026", tmp_path)
+    assert (first, last, found) == ("missing_effect", "unexplained", [("load_nonlinearity", "1A")]), shown
