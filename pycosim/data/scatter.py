@@ -87,16 +87,17 @@ def loads(dataset, model, parameters, part="fit"):
         two where ways out and back are paired; none where no segment carries a load. Infinite where a load has no
         noise: it is not computed from a measured torque.
     """
-    names = [f"{c}.{v}" for c in dataset.base.segments for v in ("L", "w")]
+    ends = [f"{c}.L" for c in dataset.base.segments]
+    names = ends + [f"{c}.w" for c in dataset.base.segments]
     known = dataset.segment_signals(model, parameters, names, None, dataset.exogenous())
-    noisy = dataset.segment_signals(model, parameters, names)
+    noisy = dataset.segment_signals(model, parameters, ends)
     picks, carried = dataset.picks(part), [c for c in dataset.base.segments if f"{c}.L" in known]
     if not carried:
         return np.zeros((0, len(picks[0][1])))
     load = np.array([known[f"{c}.L"] * np.sign(known[f"{c}.w"]) for c in carried])
     off = np.abs([noisy[f"{c}.L"] - known[f"{c}.L"] for c in carried])
     noise = 1.4826 * np.median(np.concatenate([take(off) for _, _, take in picks], axis=1), axis=1, keepdims=True)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         return np.concatenate([take(np.where(load == 0.0, 0.0, load / noise)) for _, _, take in picks])
 
 

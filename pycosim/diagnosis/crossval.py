@@ -118,22 +118,22 @@ def select(dataset, model, fit, noise, beside=None):
     return Selection(*errors[:2], errors[2].sum(0), whole, carried, left, index, thin)
 
 
-def _in_branches(level, own, beside, loads):
+def _in_branches(level, own, beside, carried):
     """The noise level of a model, in the branches of friction that another has where its loads are about nothing.
 
     A model that responds less to a noisy torque leaves less noise, and is asked for that by its own level. Where the
     load is about nothing, though, one says that a segment drives and another that it is driven, and the response is
     larger then: a model would do better by nothing but taking more of its samples for the noisy ones. There it has the
     level that is usual for it in the other's branch. Where a model moves a load by more than noise could, its samples
-    leave the noise of their own branch: one whose wrong load has whole passes in the branch that responds less would
-    do better by what it leaves out.
+    leave the noise of their own branch: one whose wrong load has much of a log in the branch that responds less
+    would do better by what it leaves out.
     """
-    turned = (own > 0) != (loads > 0)
-    other = turned.any(0) & (~turned | (np.maximum(np.abs(own), np.abs(loads)) < NOTHING)).all(0)
+    turned = (own > 0) != (carried > 0)
+    other = turned.any(0) & (~turned | (np.maximum(np.abs(own), np.abs(carried)) < NOTHING)).all(0)
     if not other.any() or other.all():
         return level
     ratio, found, same = np.log(level / beside), level.copy(), ~turned.any(0)
-    number = np.unique(loads > 0, axis=1, return_inverse=True)[1].ravel()
+    number = np.unique(carried > 0, axis=1, return_inverse=True)[1].ravel()
     for k in np.unique(number[other]):
         moved, here = other & (number == k), same & (number == k)
         usual = np.median(ratio[:, here if here.any() else same if same.any() else ~other], axis=1, keepdims=True)

@@ -607,15 +607,13 @@ def _doubled(dataset, steps, found, seed, progress):
     table = Table(dataset.sliding(larger).settled(larger, winner.fit.parameters), larger, winner.fit)
     found.known = table, Scores(table, seed + len(steps))
     some = pairs.doubles(dataset, step.model, step.fit, winner, found.noise, found.known[1], seed, progress)
-    for pair in [p for p in some if p.clear][:1]:
-        path, last = _followed(dataset, steps, pair, seed, progress)
-        if path is None:
-            continue
+    pair = next((p for p in some if p.clear), None)
+    path, last = (None, None) if pair is None else _followed(dataset, steps, pair, seed, progress)
+    if path is not None:
         if _named(dataset, path, last.noise, len(steps), progress) == len(path) and pair.common == {*pair.keys}:
             return path, last
         refines = corrections(dataset.library)
-        sure = [s for s in path[len(steps):] if s.added in pair.common and not too_many(s.finding, refines)]
-        if sure:
+        if sure := [s for s in path[len(steps):] if s.added in pair.common and not too_many(s.finding, refines)]:
             path = _ladder(dataset, steps[0], [*steps[1:], *sure])
             return path, diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
         found.contest([p.keys for p in some if p.clear][:SHOWN])
