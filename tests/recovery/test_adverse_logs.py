@@ -253,7 +253,7 @@ def test_an_offset_of_each_run_s_own_is_told_as_what_differs_from_run_to_run(tmp
 
 
 @pytest.mark.slow
-def test_offsets_that_bring_whole_passes_into_the_quieter_branch_are_not_what_is_missing(tmp_path):
+def test_offsets_that_bring_passes_into_the_quieter_branch_are_not_what_is_missing(tmp_path):
     """Beside a preload ten effects do what a wrong centre of mass does; two offsets did better by noise they left."""
     first, last, found, shown = hidden("reference_centre:configuration_preload:2.4:1860005", tmp_path)
     assert (first, last, found) == ("missing_effect", "unexplained", [("configuration_preload", "1B+2B")]), shown
