@@ -345,9 +345,14 @@ def main():
             args.table.write_text(lines + "\n")
         return
     wanted = list(cases.CONDITIONS) if args.conditions == "all" else args.conditions.split(",")
+    if unknown := [c for c in wanted if c not in SPECIAL and c not in cases.CONDITIONS]:
+        parser.error(f"no condition '{unknown[0]}'; one of all, {', '.join([*cases.CONDITIONS, *SPECIAL])}")
     planned = cases.listed([c for c in wanted if c not in SPECIAL], args.seeds, args.first, args.hidden, args.quick)
     if args.cases:
-        planned = [replace(cases.parse(name), quick=args.quick) for name in args.cases]
+        try:
+            planned = [replace(cases.parse(name), quick=args.quick) for name in args.cases]
+        except ValueError as error:
+            parser.error(str(error))
     if args.list:
         print("\n".join(c.name for c in planned))
         return

@@ -6,23 +6,17 @@ import multiprocessing
 import os
 import signal
 import threading
-from concurrent.futures import (
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    as_completed,
-    wait,
-)
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
+from queue import Empty, SimpleQueue
 
 from .errors import PycosimError, closest
 
 WORDS = ("serial", "threads", "processes")
 DASK = "dask://"
 PATIENCE = 10  # s, for a scheduler of dask to answer
+HEEDED = 1.0  # s after which an interrupt is seen that came just as waiting began
 _POOL = ContextVar("pool", default=None)
 
 
@@ -142,7 +136,7 @@ def each(work, where="serial", workers=None, imports=()):
             done = ((pool.submit(*piece), key) for key, piece in work.items())
         else:
             futures = {pool.submit(*piece): key for key, piece in work.items()}
-            done = ((future, futures[future]) for future in as_completed(futures))
+            done = ((future, futures[future]) for future in _ended(futures))
         for future, key in done:
             if lost(future.exception()):
                 killed.append(key)
@@ -151,8 +145,43 @@ def each(work, where="serial", workers=None, imports=()):
     for key in killed:
         with executor(where, 1, imports) as pool:
             future = pool.submit(*work[key])
-            wait([future])
+            list(_ended([future]))
         yield key, future
+
+
+def _ended(futures):
+    """Futures, as they end.
+
+    Whoever waits for them without an end may never see an interrupt: Python looks for it before it waits, not as it
+    begins to. And one that comes while a future is locked may leave it locked, for whoever ends the pool.
+    """
+    ended, left = SimpleQueue(), len(futures)
+    with _uninterrupted():
+        for future in futures:
+            future.add_done_callback(ended.put)
+    while left:
+        try:
+            future = ended.get(timeout=HEEDED)
+        except Empty:
+            continue
+        left -= 1
+        yield future
+
+
+@contextmanager
+def _uninterrupted():
+    """An interrupt that comes in the block comes after it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came = []
+    usual = signal.signal(signal.SIGINT, lambda *what: came.append(what))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+        if came and callable(usual):
+            usual(*came[0])
 
 
 @contextmanager
@@ -225,6 +254,7 @@ def in_turn(work):
     futures = [(pool.submit(*piece), piece) for piece in work]
     try:
         for future, (function, *arguments) in futures:
+            list(_ended([future]))
             yield function(*arguments) if lost(future.exception()) else future.result()
     finally:
         for future, _ in futures:

@@ -158,6 +158,25 @@ class Noise:
         flat = values.reshape(-1, values.shape[-1])
         return _innovations(flat, *_filter(self, chain)).reshape(values.shape)
 
+    def unlikely(self, values, chain):
+        """Minus the log-likelihood of samples, but for a constant.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            In the channel's unit.
+        chain : Chain
+            Time between neighbouring samples, and where the noise starts anew. Samples that are averages of others
+            count as often as they are independent.
+
+        Returns
+        -------
+        float
+        """
+        spread = np.full(len(values), self.white) if self.slow == 0.0 else _filter(self, chain)[2]
+        white = self.whiten(values, chain)
+        return float(0.5 * white @ white + np.log(spread).sum()) / max(chain.colour, 1.0)
+
     def whiten_transposed(self, values, chain):
         """Product of ``values`` with the transpose of the matrix that `whiten` multiplies by.
 

@@ -138,15 +138,17 @@ def cluster(tmp_path):
 WAITS = """
 import signal
 import time
-from pycosim.core.executors import executor
+from pycosim.core.executors import each
+
+class Work(dict):
+    def items(self):
+        yield from super().items()
+        print("begun", flush=True)
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job is started without
     try:
-        with executor("processes", 1, IMPORTS) as pool:
-            waited = pool.submit(time.sleep, 120)
-            print("begun", flush=True)
-            waited.result()
+        list(each(Work(one=(time.sleep, 120)), "processes", 1, IMPORTS))
     except KeyboardInterrupt:
         print("interrupted")
 """

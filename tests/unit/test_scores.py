@@ -1,0 +1,51 @@
+"""The noise that candidates are tested in: what is missing is none of it, and all of it is left where nothing is."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from pycosim.data.noise import chained
+from pycosim.diagnosis.scores import Scores
+
+STEP, SECONDS, COLUMNS = 0.01, 13.0, 300
+SLOW, MEMORY = 0.4, 1.0  # of white noise of 1; s
+
+
+def told(residual, columns):
+    """Noise of one channel beside columns of which none is in the base model."""
+    n, own = len(residual), object.__new__(Scores)
+    own.table = SimpleNamespace(residual=residual[None], slope=np.zeros((1, 0, n)), time=STEP * np.arange(n),
+                                chain=chained(STEP * np.arange(n), np.zeros(n), True))
+    own.p, own.weights, own.few, own.columns = 0, [1.0], 1, list(columns[:, None])
+    own._noise()
+    return own.noise[0]
+
+
+def drawn(seed):
+    """Noise of a log that holds its memory a dozen times, and columns of a motion of some hertz."""
+    rng, time = np.random.default_rng(seed), np.arange(0, SECONDS, STEP)
+    keep = np.exp(-STEP / MEMORY)
+    drift = lfilter([np.sqrt(1 - keep ** 2)], [1, -keep], rng.standard_normal(len(time) + 1000))[1000:]
+    f, phase = rng.uniform(0.05, 1.5, (2, COLUMNS, 1)), rng.uniform(0, 2 * np.pi, (2, COLUMNS, 1))
+    columns = np.sin(2 * np.pi * f[0] * time + phase[0]) * np.sin(2 * np.pi * f[1] * time + phase[1])
+    return SLOW * drift + rng.standard_normal(len(time)), columns
+
+
+def deviations(effect):
+    """What limits a slow column, over what it is in truth: the median of some logs."""
+    found = []
+    for seed in range(16):
+        noise, columns = drawn(seed)
+        own = told(noise + effect * np.sqrt(2) * columns[seed], columns)
+        found.append(np.sqrt(own.white ** 2 * STEP + 2 * own.slow ** 2 * own.memory))
+    return np.median(found) / np.sqrt(STEP + 2 * SLOW ** 2 * MEMORY)
+
+
+def test_columns_take_no_slow_noise_away_from_a_short_log():
+    assert deviations(0.0) == pytest.approx(1.0, abs=0.2)
+
+
+def test_an_effect_is_no_noise():
+    assert deviations(2.0) < 1.0
