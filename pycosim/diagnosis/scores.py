@@ -111,13 +111,17 @@ class Scores:
         """
         slopes = [w * s for w, s in zip(self.weights, self.table.slope)]
         root = least_squares.orthonormal(least_squares.invert(sum(s @ s.T for s in slopes))[0])
-        absorbed, told, missing = [root @ s for s in slopes], [], False
-        for k, beta in enumerate(self._path(sum(w ** 2 * g for w, g in zip(self.weights, self._thin_moments())), 0.02)):
+        absorbed, chain = [root @ s for s in slopes], self.table.chain
+
+        def beside(beta):
             left = self._left_by(beta)
-            noise = [fit_noise(r, self.table.chain, a) for r, a in zip(left, absorbed)]
-            told.append((noise, sum(n.unlikely(r, self.table.chain) for n, r in zip(noise, left))))
-            missing = missing or told[-1][1] + LIKELIER * k < told[0][1]
-        self.noise = told[-1 if missing else 0][0]
+            noise = [fit_noise(r, chain, a) for r, a in zip(left, absorbed)]
+            return noise, sum(n.unlikely(r, chain) for n, r in zip(noise, left))
+
+        without, *more = self._path(sum(w ** 2 * g for w, g in zip(self.weights, self._thin_moments())), 0.02)
+        self.noise, unlikely = beside(without)
+        if any(beside(beta)[1] + LIKELIER * k < unlikely for k, beta in enumerate(more, 1)):
+            self.noise = beside(more[-1])[0]
 
     def _left_by(self, beta):
         """Residual of each channel that a combination of rows leaves."""
