@@ -23,8 +23,9 @@ SEEN = 4.0  # standard errors that the largest size of an effect must exceed for
 LIKELIER = 24.0
 """Log-likelihood that each of some columns must add, beside noise that is fitted anew, to be taken for no noise.
 
-Noise with a memory of 1 s, alone in 10 s of a log, is made likelier by 14 in one of twenty draws and by 18 to 23 in one
-of eighty by the best of 584 columns. Effects that cost an error of 1.3 to 2.4 times add 16 to 1500."""
+The best of 584 columns makes noise with a memory of 1 s, alone in 10 s of a log, likelier by 14 to 15 in one of twenty
+draws and by 18 to 23 in one of forty. The first column of an effect that costs an error of 1.3 to 2.4 times adds 16 to
+1500."""
 SHADOW = 1e-4  # of a column, that must be left beside another for it to be more than its shadow
 ROUNDINGS = 40
 """Times that what was measured is rounded anew: the spread of a score is then known to about a tenth."""
