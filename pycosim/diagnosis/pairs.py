@@ -19,7 +19,7 @@ from .finding import Finding
 from .rivals import SEPARATE, alike, behind, by_kind
 from .scores import LEVEL, Scores
 from .table import Table
-from .trials import TRIAL, holds_nothing, measure, start_of
+from .trials import TRIAL, holds_nothing, measure, nudged, start_of
 
 APART = 0.02
 """Of what one effect changes, that must be left beside the other: two that are nearly one have no size of their own."""
@@ -146,6 +146,7 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     -------
     list of Pair
         With ``clear`` where both effects are more than chance, and do better by more than the luck of so many pairs.
+        Without those that are better for the sake of one of their two, beside which the winner is as good as the other.
     """
     here = dataset.sliding(without).settled(without, lacking.parameters)
     larger = compile_model(dataset.library, without.rig, [*without.keys, winner.key])
@@ -163,9 +164,45 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     if clear := [p for p in found if _outdoes(p, winner, luck)]:
         table = Table(here, without, lacking)
         _tell(Scores(table, seed), table, alone, found)
-        for pair in clear:
-            pair.clear = _certain(pair)
+        known = {}
+        for pair in filter(_certain, clear):
+            for key in (k for k in pair.keys if k not in known):
+                start = {**pair.fit.parameters, **winner.fit.parameters}
+                known[key] = beside(here, larger, start, key, noise, alone)
+            pair.clear = not any(known[k] and _as_well(known[k], pair.selection) for k in pair.keys)
+            found = found if pair.clear else [p for p in found if p is not pair]
     return sorted(found, key=lambda p: (not p.clear, p.selection.white.sum() + 2 * len(p.fit.free)))
+
+
+def beside(dataset, without, start, key, noise, full):
+    """The errors on unseen folds of a fitted model with an effect more.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its fit part is searched.
+    without : Model
+        That lacks the effect.
+    start : dict of str to float
+        Parameters that its fit starts from, SI units.
+    key : (str, str)
+        Effect and place.
+    noise : list of Noise
+        One a channel, that rivals are compared at.
+    full : Selection
+        Of the model that others are compared beside.
+
+    Returns
+    -------
+    Selection or None
+        None where the model has no answer.
+    """
+    try:
+        larger = compile_model(dataset.library, without.rig, [*without.keys, key])
+        fitted = least_squares.fit(dataset, larger, nudged(dict(start), larger, None), most=TRIAL, noise=noise)
+    except PycosimError:  # beside the others it leaves no motion, or no answer in closed form
+        return None
+    return select(dataset, larger, fitted, noise, full)
 
 
 def _refitted(here, without, start, lacking, some, noise, alone, progress):

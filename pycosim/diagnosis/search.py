@@ -372,7 +372,7 @@ def _named(dataset, steps, noise, known, progress):
         for twin in (t for t in step.finding.twins if (t["effect"], t["place"]) not in rest):
             if progress:
                 progress(f"refitting with {twin['effect']} at {twin['place']} beside what was found")
-            one = _beside(here, without, lacking, (twin["effect"], twin["place"]), noise, full)
+            one = pairs.beside(here, without, lacking.parameters, (twin["effect"], twin["place"]), noise, full)
             if one is not None and alike(alone, one, full):
                 twins.append(twin)
         step.finding = replace(step.finding, twins=twins)
@@ -549,7 +549,7 @@ def _spared(dataset, steps, noise, seed, progress):
         here, full = fulls.beside(without)
         lacking = least_squares.fit(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
         for twin in ((t["effect"], t["place"]) for t in other.finding.twins):
-            one = _beside(here, without, lacking, twin, noise, full)
+            one = pairs.beside(here, without, lacking.parameters, twin, noise, full)
             if one is None or not _as_good(one, full):
                 continue
             fit = least_squares.fit(dataset, without, steps[-1].fit.parameters)
@@ -567,17 +567,6 @@ def _as_good(one, full):
     """Whether unseen folds do not tell a model with less from one with more, in the plain error by little at that."""
     gaps = [difference(getattr(one, kind), getattr(full, kind)) for kind in ("white", "raw")]
     return all(rise <= SEPARATE * spread for rise, spread in gaps) and gaps[1][0] < PLAIN * full.raw.sum()
-
-
-def _beside(dataset, without, lacking, key, noise, full):
-    """The errors on unseen folds of a fitted model with an effect more; None where it has no answer."""
-    try:
-        larger = compile_model(dataset.library, without.rig, [*without.keys, key])
-        fitted = least_squares.fit(dataset, larger, nudged(dict(lacking.parameters), larger, None), most=TRIAL,
-                                   noise=noise)
-    except PycosimError:  # beside the others it leaves no motion, or no answer in closed form
-        return None
-    return select(dataset, larger, fitted, noise, full)
 
 
 def _gained(fulls, pair):

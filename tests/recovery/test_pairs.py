@@ -12,6 +12,7 @@ from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis import pairs, search
+from pycosim.diagnosis.crossval import select
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.scores import LEVEL, Scores
 from pycosim.diagnosis.search import _exchanged, _ladder, _revised, diagnosed, improve, step_of
@@ -118,6 +119,22 @@ def test_two_that_stand_in_for_two_are_exchanged_together(dataset):
 def test_two_that_nothing_speaks_against_stay(dataset):
     steps = ladder(dataset, TRUE)
     assert _exchanged(dataset, steps, steps[-1].fit.noise, 0, None) is None
+
+
+def test_two_do_not_replace_one_that_is_as_good_beside_one_of_them(dataset, monkeypatch):
+    """Two gains of the reference do better than a payload alone, where a friction is missing too."""
+    base, one = ladder(dataset, TRUE[1:])
+    noise, here = one.fit.noise, dataset.settled(base.model, base.fit.parameters)
+    alone = select(here, base.model, base.fit, noise)
+    one.finding.fit, one.finding.selection = one.fit, select(here, one.model, one.fit, noise, alone)
+    scores = Scores(Table(dataset, one.model, one.fit))
+    told, real = [], pairs._refitted
+    monkeypatch.setattr(pairs, "_refitted", lambda *given: told.extend(real(*given)) or told)
+    some = pairs.doubles(dataset, base.model, base.fit, one.finding, noise, scores, 0, None)
+    better = [p for p in told if pairs._outdoes(p, one.finding, pairs._luck(len(scores.results))) and p.findings]
+    assert any(pairs._certain(p) for p in better)
+    assert not any(p.clear for p in told)
+    assert not {p.keys for p in better if pairs._certain(p)} & {p.keys for p in some}
 
 
 @pytest.mark.slow
