@@ -150,7 +150,8 @@ def test_one_of_many_that_do_equally_well_is_no_name(tmp_path, monkeypatch):
     assert f"pycosim add STUDY {'@'.join(best.key)}" in told[1] and result.first.unexplained is None
 
 
-@pytest.mark.parametrize("case", ["digital:presliding:1.7:10200", "outliers_01:presliding:1.3:12401"])
+@pytest.mark.parametrize("case", [
+    "digital:presliding:1.7:10200", pytest.param("outliers_01:presliding:1.3:12401", marks=pytest.mark.slow)])
 def test_a_travel_at_one_stage_is_not_what_the_machine_has_everywhere(case, tmp_path):
     """Of about the length that the rig's friction builds up over at each of its segments."""
     first, last, found, shown = hidden(case, tmp_path)
@@ -158,7 +159,8 @@ def test_a_travel_at_one_stage_is_not_what_the_machine_has_everywhere(case, tmp_
     assert (first, last, found) == ("missing_effect", "nothing_missing", [("presliding", place)]), shown
 
 
-@pytest.mark.parametrize("case", ["outside:friction_lag:1.3:14006", "outside_gait:friction_lag:2.4:8102"])
+@pytest.mark.parametrize("case", [
+    pytest.param("outside:friction_lag:1.3:14006", marks=pytest.mark.slow), "outside_gait:friction_lag:2.4:8102"])
 def test_a_friction_that_lags_at_one_segment_is_no_delay_of_the_torque(case, tmp_path):
     first, last, found, shown = hidden(case, tmp_path)
     place = "1A" if ":14006" in case else "2A"
@@ -175,7 +177,8 @@ def test_a_breakaway_that_grows_at_rest_is_found_at_its_place(tmp_path):
     assert (first, last, found) == ("missing_effect", "nothing_missing", [("dwell", "1A")]), shown
 
 
-@pytest.mark.parametrize("case", ["outside:wear:1.3:8500", "outside_gait:wear:2.4:5705"])
+@pytest.mark.parametrize("case", [
+    pytest.param("outside:wear:1.3:8500", marks=pytest.mark.slow), "outside_gait:wear:2.4:5705"])
 def test_a_friction_that_grows_with_the_way_is_no_memory_that_is_never_lost(case, tmp_path):
     first, _, found, shown = hidden(case, tmp_path)
     assert first == "unexplained" and not found, shown
@@ -224,6 +227,7 @@ def test_a_correction_is_not_named_where_what_it_corrects_does_as_well(tmp_path)
     assert first == "missing_effect" and found[0][0] == "direction_asymmetry", shown
 
 
+@pytest.mark.slow
 def test_a_ripple_is_found_beside_a_wrong_mass_of_the_reference(tmp_path):
     """The noise that means over 16 samples told of had taken it for chance."""
     first, _, found, shown = hidden("reference_mass:torque_ripple:1.7:3601", tmp_path)
@@ -232,7 +236,7 @@ def test_a_ripple_is_found_beside_a_wrong_mass_of_the_reference(tmp_path):
 
 @pytest.mark.parametrize(("name", "effect"), [
     ("motor_encoders:time_delay:2.4:10218", "time_delay@torque"),  # it shows below the usual least speed alone
-    ("reference_mass:time_delay:1.7:10200", "time_delay@torque"),
+    pytest.param("reference_mass:time_delay:1.7:10200", "time_delay@torque", marks=pytest.mark.slow),
     ("geared:torque_offset:2.4:10202", "torque_offset@motor")])  # rivals differ in branches where loads are nothing
 def test_what_slow_samples_and_samples_without_load_tell(name, effect, tmp_path):
     found = pc.open(make(name, tmp_path, quick=True)).improve()

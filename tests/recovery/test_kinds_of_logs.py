@@ -107,6 +107,7 @@ def test_a_co_simulated_log_in_which_nothing_is_hidden_misses_nothing():
     assert (row["verdict"], row["steps"]) == ("nothing_missing", []), row
 
 
+@pytest.mark.slow
 def test_torques_that_come_late_by_ten_samples_are_a_delay_and_nothing_else(tmp_path):
     study = make("mistake:torque_late_50ms:1:700", tmp_path, quick=True)
     result = search.improve(Dataset(load_study(study), Library()))
@@ -115,7 +116,8 @@ def test_torques_that_come_late_by_ten_samples_are_a_delay_and_nothing_else(tmp_
     assert 0.045 < delay["value"] < 0.055 and delay["ci95"][0] < 0.05 < delay["ci95"][1], delay
 
 
-@pytest.mark.parametrize("case", ["lag_current:none::921", "lag_current:thermal_drift:1.3:910"])
+@pytest.mark.parametrize("case", [
+    "lag_current:none::921", pytest.param("lag_current:thermal_drift:1.3:910", marks=pytest.mark.slow)])
 def test_what_a_filter_makes_of_a_start_is_no_hysteresis(case, tmp_path):
     """What the torque was at rest and in the first motion is not known: an inverse of the filter is off there."""
     result = search.improve(Dataset(load_study(make(case, tmp_path, quick=True)), Library()))
