@@ -146,7 +146,7 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     -------
     list of Pair
         With ``clear`` where both effects are more than chance, and do better by more than the luck of so many pairs.
-        Without those that are better for the sake of one of their two, beside which the winner is as good as the other.
+        Without those that are better for the sake of one of their two, beside which the winner outdoes the other.
     """
     here = dataset.sliding(without).settled(without, lacking.parameters)
     larger = compile_model(dataset.library, without.rig, [*without.keys, winner.key])
@@ -169,7 +169,7 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
             for key in (k for k in pair.keys if k not in known):
                 start = {**pair.fit.parameters, **winner.fit.parameters}
                 known[key] = beside(here, larger, start, key, noise, alone)
-            pair.clear = not any(known[k] and _as_well(known[k], pair.selection) for k in pair.keys)
+            pair.clear = not any(known[k] and _ahead(known[k], pair.selection) for k in pair.keys)
             found = found if pair.clear else [p for p in found if p is not pair]
     return sorted(found, key=lambda p: (not p.clear, p.selection.white.sum() + 2 * len(p.fit.free)))
 
@@ -233,6 +233,12 @@ def _certain(pair):
 def _as_well(pair, rival):
     """Whether unseen folds do not tell two effects from one by more than tells rivals apart, nor the plain error."""
     return gap(pair, rival, "white")[0] < 2.0 * SEPARATE ** 2 and "raw" not in behind(pair, rival)
+
+
+def _ahead(one, pair):
+    """Whether unseen folds prefer one to a pair by what a coefficient is worth, and by a standard error."""
+    gain, spread = gap(pair, one, "white")
+    return gain > max(2.0, spread)
 
 
 def _luck(candidates):
