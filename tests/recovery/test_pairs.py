@@ -121,7 +121,7 @@ def test_two_that_nothing_speaks_against_stay(dataset):
     assert _exchanged(dataset, steps, steps[-1].fit.noise, 0, None) is None
 
 
-def test_two_do_not_replace_one_that_is_as_good_beside_one_of_them(dataset, monkeypatch):
+def test_two_do_not_replace_one_that_is_better_beside_one_of_them(dataset, monkeypatch):
     """Two gains of the reference do better than a payload alone, where a friction is missing too."""
     base, one = ladder(dataset, TRUE[1:])
     noise, here = one.fit.noise, dataset.settled(base.model, base.fit.parameters)
