@@ -10,6 +10,8 @@ from scipy.ndimage import median_filter
 
 from ..compile import ArrayFunction
 
+COARSE, FAR = 4, 2.5  # steps that a usual magnitude is coarse below; deviations beyond which one counts as that far
+WITHIN = 0.7939  # mean of the magnitude of a normal variable, of which none counts as more than 2.5
 AROUND, OUT = 7, 6.0  # samples whose median one is compared with, and scatters that it must be off to be out of line
 
 
@@ -153,9 +155,46 @@ def scatter(dataset, name):
     def make():
         third = np.diff(dataset.reference(name), 3)
         inside = (dataset.passes[3:] >= 0) & (dataset.passes[3:] == dataset.passes[:-3])
-        found = float(1.4826 * np.median(np.abs(third[inside])) / np.sqrt(20)) if inside.any() else 0.0
-        return max(found, dataset.steps.get(name, 0.0) / math.sqrt(12))
+        quantum = dataset.steps.get(name, 0.0)
+        found = spread(np.abs(third[inside]), quantum) / math.sqrt(20) if inside.any() else 0.0
+        return max(found, quantum / math.sqrt(12))
     return dataset.memo(("scatter.scatter", name), make)
+
+
+def spread(sizes, quantum):
+    """Standard deviation of a normal noise whose magnitudes lie on a lattice; a part of them may be outliers.
+
+    The plain median is one of the levels: a noise of 0.55 steps was found as 0.66, and one of 0.71 as well. It is taken
+    as if each magnitude were spread evenly over its step; where that is not small beside them, the mean of what is not
+    far out says more.
+
+    Parameters
+    ----------
+    sizes : ndarray, shape (n,)
+        None is negative, and there is one at least.
+    quantum : float
+        The step; 0.0 where there is none.
+
+    Returns
+    -------
+    float
+        In the unit of the sizes. A noise below half a step is found up to a tenth too small.
+
+    Examples
+    --------
+    >>> round(spread(np.array([0.0, 1.0, 1.0, 2.0]), 0.0), 4)
+    1.4826
+    """
+    if quantum <= 0.0:
+        return 1.4826 * float(np.median(sizes))
+    levels = sizes / quantum
+    middle = np.round(np.quantile(levels, 0.5, method="lower"))
+    low, high = max(middle - 0.5, 0.0), middle + 0.5
+    below, here = np.mean(levels < low), np.mean((levels >= low) & (levels < high))
+    found = 1.4826 * (low + (0.5 - below) / here * (high - low))
+    if middle < COARSE:
+        found = np.mean(np.minimum(levels, FAR * found)) / WITHIN
+    return float(quantum * found)
 
 
 def _noisy(dataset, name):

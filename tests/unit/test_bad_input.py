@@ -225,7 +225,7 @@ def test_a_bad_study_is_refused(kind, whole, here, capsys):
     refused(here, capsys, told, data=data)
 
 
-@pytest.mark.parametrize("verb", ["check", "compare", "identify"])
+@pytest.mark.parametrize("verb", ["check", pytest.param("compare", marks=pytest.mark.long), "identify"])
 def test_a_value_of_each_run_of_an_effect_that_is_not_there_is_refused(verb, whole, here, capsys):
     (here / "study.toml").write_text(STUDY + '\n[fit]\nown = ["payload@shank.m"]\n')
     whole.to_csv(here / "log.csv", index=False)
@@ -321,7 +321,7 @@ def test_drop_outs_are_refused_with_their_rows_or_left_out_when_the_study_says_s
 
 
 @pytest.mark.parametrize("change", [
-    lambda f: f.rename(columns={"C_H": "C_K", "C_K": "C_H"}),
+    pytest.param(lambda f: f.rename(columns={"C_H": "C_K", "C_K": "C_H"}), marks=pytest.mark.long),
     pytest.param(lambda f: edited(f, theta1=-f["theta1"]), marks=pytest.mark.long),
     pytest.param(lambda f: edited(f, tau1=1e3 * f["tau1"]), marks=pytest.mark.long),
 ], ids=["columns exchanged", "sign", "unit"])

@@ -121,6 +121,7 @@ def test_identify_gives_parameters_with_intervals(log, here, capsys):
     assert "s1A.mu" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_diagnose_prints_its_json_and_nothing_else(log, here, capsys):
     run("diagnose", STUDY, "--data", log, "--json")
     told = capsys.readouterr()

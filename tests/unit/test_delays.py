@@ -215,7 +215,7 @@ C = {{ variable = "C", unit = "N.m" }}
 
 
 @pytest.mark.parametrize("effect, values", [
-    ("time_delay", (-2e-3, -1e-3, 1e-3, 2e-3)), ("low_pass", (5e-4, 1e-3, 2e-3))])
+    ("time_delay", (-2e-3, -1e-3, 1e-3, 2e-3)), pytest.param("low_pass", (5e-4, 1e-3, 2e-3), marks=pytest.mark.long)])
 def test_less_than_a_sample_of_delay_takes_no_noise_of_accelerations_away(effect, values, tmp_path):
     """What the motion predicts of a torque holds their noise; between samples, and filtered, there would be less."""
     data = Dataset(load_study(closed_loop.make("geared", "passes", "none", 1, tmp_path)), Library())
@@ -230,7 +230,8 @@ def test_less_than_a_sample_of_delay_takes_no_noise_of_accelerations_away(effect
     assert min(left(v) for v in values) > 0.98 * left(0.0)
 
 
-@pytest.mark.parametrize("effect", [pytest.param("friction_lag", marks=pytest.mark.long), "dwell"])
+@pytest.mark.long
+@pytest.mark.parametrize("effect", ["friction_lag", "dwell"])
 def test_a_memory_beside_a_delay_is_judged_without_a_torque_reference_too(effect, tmp_path):
     dataset = Dataset(load_study(make("unpaired:viscous:1.7:8900", tmp_path, quick=True)), Library())
     model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque"), (effect, "1A")])

@@ -22,9 +22,8 @@ EXAMPLES = [(page, k, code) for page in PAGES
             for k, code in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S))]
 
 
-@pytest.mark.parametrize("page, number, code", [
-    pytest.param(p, k, code, id=f"{p.stem}-{k}", marks=[] if p.stem == "README" else pytest.mark.long)
-    for p, k, code in EXAMPLES])
+@pytest.mark.long
+@pytest.mark.parametrize("page, number, code", EXAMPLES, ids=[f"{page.stem}-{k}" for page, k, _ in EXAMPLES])
 def test_example_runs(page, number, code, hidden, tmp_path, monkeypatch, capsys):
     for name in ("study.toml", "run.csv"):
         (tmp_path / name).write_bytes((hidden / name).read_bytes())

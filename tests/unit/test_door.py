@@ -26,6 +26,7 @@ from pycosim.study.parse import load_study
 
 ROOT = Path(__file__).parents[2]
 MODULES = [m.name for m in pkgutil.iter_modules(pycosim.project.__path__, "pycosim.project.")]
+SEARCHING = ("pycosim.project.fitted", "pycosim.project.project")   # their examples search
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,8 @@ def search(project):
     return project.improve()
 
 
-@pytest.mark.parametrize("module", MODULES)
+@pytest.mark.parametrize("module", [
+    pytest.param(m, marks=pytest.mark.long if m in SEARCHING else []) for m in MODULES])
 def test_the_examples_of_docstrings_run(module, project, hidden, monkeypatch):
     def once(study, data=None):  # an example opens the study anew, and the tests need not compute all of it anew
         return project if data is None else open_project(study, data)
@@ -154,6 +156,7 @@ def test_telling_a_result_does_not_change_it(project):
     assert any(c["coefficients"] and not c["refitted"] for c in found.to_dict()["candidates"])
 
 
+@pytest.mark.long
 def test_a_search_is_reported_saved_and_opened_again(search, tmp_path):
     assert search.added == ["stribeck@2A"] and search.verdict == "nothing_missing"
     frame = search.to_frame()

@@ -131,7 +131,7 @@ def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
     assert all(f">{number(v)} N.m</text>" in drawing for v in error.values()) and len(error) == 2
 
 
-@pytest.mark.parametrize("ends", [False, True])
+@pytest.mark.parametrize("ends", [pytest.param(False, marks=pytest.mark.long), True])
 def test_figures_of_another_process_are_the_same_also_when_it_ends(dataset, improvement, tmp_path, monkeypatch, ends):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     steps = [(s.model, s.fit) for s in improvement.steps]
@@ -214,6 +214,7 @@ def test_drawing_leaves_the_users_settings_alone(dataset):
     assert dict(mpl.rcParams) == before
 
 
+@pytest.mark.long
 def test_a_log_without_reference_or_labels_is_drawn_too(dataset, tmp_path):
     import pandas as pd
     log = pd.read_csv(dataset.logs[0].path).drop(columns=["C_H", "C_K", "manoeuvre"])

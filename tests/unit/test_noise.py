@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 
 from benchmarks.plan.run import baseline, dataset
 from pycosim.data.noise import Noise, chained, fit_noise
+from pycosim.data.scatter import spread
 from pycosim.data.segmentation import Pairs
 from pycosim.fit import least_squares
 
@@ -151,3 +152,13 @@ def test_no_rows_are_whitened_to_none():
     chain, nothing = chained(TIME, GROUP, True), np.zeros((0, len(TIME)))
     assert NOISE.whiten(nothing, chain).shape == nothing.shape
     assert NOISE.covariance(nothing, chain).shape == (0, 0)
+
+
+@pytest.mark.parametrize("noise", [0.47, 0.55, 0.65, 0.8, 1.0, 1.5, 3.0])
+def test_noise_of_about_a_step_is_found_behind_the_steps(noise):
+    """The median of third differences is a whole number of steps: 0.66 steps for a noise of 0.55 and of 0.71."""
+    rng = np.random.default_rng(0)
+    third = np.abs(np.diff(np.round(noise * rng.standard_normal(20_000) + np.linspace(0, 50, 20_000)), 3))
+    assert spread(third, 1.0) / np.sqrt(20) == pytest.approx(np.hypot(noise, 12 ** -0.5), rel=0.1)
+    third[::50] += 50.0  # spikes
+    assert spread(third, 1.0) / np.sqrt(20) == pytest.approx(np.hypot(noise, 12 ** -0.5), rel=0.1)
