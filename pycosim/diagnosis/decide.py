@@ -149,7 +149,7 @@ def _chosen(dataset, whole, model, fit, findings, rivals, base, steady, noise):
     """
     refines, ahead = corrections(dataset.library), None
     for _ in range(len(rivals)):
-        chosen = _decide(findings, rivals, base, refines, steady)
+        chosen = _decide(findings, rivals, base, refines, steady, bool(model.keys))
         if chosen is None:
             break
         if ahead is not None and _predicts_less(chosen.selection, ahead.selection):
@@ -244,11 +244,12 @@ def _explained_by(findings, chosen, scores):
             f.explained_by = {"effect": chosen.effect, "place": chosen.place}
 
 
-def _decide(findings, rivals, base, refines, steady):
+def _decide(findings, rivals, base, refines, steady, beside):
     """Order the refitted candidates, accept the first that earns it, and name what these data cannot tell it from.
 
     One of more than a few that do as well is not accepted: it would be a name drawn by lot.
-    ``steady(finding)`` says whether a finding's coefficient is the same all over the data. Returns it, or None.
+    ``steady(finding)`` says whether a finding's coefficient is the same all over the data, ``beside`` whether other
+    effects are in the model. Returns it, or None.
     """
     parameters = {f.key: len(f.fit.free) for f in rivals}
     rivals.sort(key=lambda f: f.selection.white.sum() + 2 * parameters[f.key])
@@ -273,7 +274,7 @@ def _decide(findings, rivals, base, refines, steady):
         best.twins.append({"effect": other.effect, "place": other.place})
         other.twins.append({"effect": best.effect, "place": best.place})
         best.uncounted |= {other.key} if other.refused == BETWEEN else set()
-    best.contested = constant and too_many(best, refines)  # one that varies is none of them
+    best.contested = constant and too_many(best, refines, beside)  # one that varies is none of them
     best.accepted = constant and not best.contested
     best.provisional = not best.accepted
     return best

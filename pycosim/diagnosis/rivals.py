@@ -7,10 +7,11 @@ from .crossval import difference, gap
 ALIKE = 0.2  # of what the best takes away, that an alternative may leave
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
 PLAIN = 0.05  # of the plain squared error, by which it must be lower to decide: something else that is missing moves it
-CONTESTED, KINDS = 5, 3
-"""Alternatives beyond which none is a name, and effects, of which so many may be alternatives at any places. A constant
-torque has six names: offset of motor or reference, asymmetry with or without its growth at low speed, a far spring, a
-zero."""
+CONTESTED, BESIDE, KINDS = 5, 3, 3
+"""Alternatives beyond which none is a name, the same beside other effects, and effects, of which so many may be
+alternatives at any places. A constant torque has six names: offset of motor or reference, asymmetry with or without its
+growth at low speed, a far spring, a zero. As the only thing that is missing, the list is the answer; beside something
+larger it is what that has left, and one of six was added by the luck of the noise."""
 
 
 def alike(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
@@ -136,7 +137,7 @@ def by_kind(findings, named=(), refines=None):
     return [f for _, f in sorted(zip(ranks, findings), key=lambda pair: pair[0])]
 
 
-def too_many(finding, refines):
+def too_many(finding, refines, beside):
     """Whether so many others do as well as a finding that none of them is a name.
 
     Few effects at many places are no such case: one that acts at one stage or at another is known. Nor is a correction
@@ -149,6 +150,8 @@ def too_many(finding, refines):
         With its alternatives.
     refines : dict of str to str
         By effect, what it is a correction of.
+    beside : bool
+        Whether other effects are in the model already.
 
     Returns
     -------
@@ -156,4 +159,5 @@ def too_many(finding, refines):
     """
     counted = [t for t in finding.twins if (t["effect"], t["place"]) not in finding.uncounted]
     named = {finding.effect, *(t["effect"] for t in counted)}
-    return sum(refines.get(t["effect"]) not in named for t in counted) > CONTESTED and len(named) > KINDS
+    return sum(refines.get(t["effect"]) not in named for t in counted) > (BESIDE if beside else CONTESTED) and len(
+        named) > KINDS

@@ -363,7 +363,11 @@ def _named(dataset, steps, noise, known, progress):
     """
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     refines = corrections(dataset.library)
-    for step in [s for s in steps[known:] if too_many(s.finding, refines)]:
+
+    def nameless(step):
+        return too_many(step.finding, refines, len(step.model.keys) > 1)
+
+    for step in [s for s in steps[known:] if nameless(s)]:
         rest = [*base.keys, *(s.added for s in steps[1:] if s is not step)]
         without = compile_model(dataset.library, base.rig, rest)
         here, full = fulls.beside(without)
@@ -376,7 +380,7 @@ def _named(dataset, steps, noise, known, progress):
             if one is not None and alike(alone, one, full):
                 twins.append(twin)
         step.finding = replace(step.finding, twins=twins)
-    return next((k for k, s in enumerate(steps) if k >= known and too_many(s.finding, refines)), len(steps))
+    return next((k for k, s in enumerate(steps) if k >= known and nameless(s)), len(steps))
 
 
 def _shortfall(dataset, steps, noise, known, seed):
@@ -486,15 +490,18 @@ def _revised(dataset, steps, noise, seed, progress, without=None):
         fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
         left = frozenset((None, *(s.added for s in rest)))
         told = without[left] = without.get(left) or diagnose(dataset, model, fit, seed, progress, False)
-        found = told.winner
         if any(c.key == out.added and c.refused not in (None, *OPEN) for c in told.candidates):
-            instead = [] if found is None else [Step(found.key, model, found.fit, {}, {}, found)]
-            return _ladder(dataset, steps[0], [*rest, *instead])
+            instead = told.winner
+            return _ladder(dataset, steps[0], rest if instead is None else [
+                *rest, Step(instead.key, model, instead.fit, {}, {}, instead)])
+        found = told.winner or told.contested
         if found is None:
             continue
         alternatives = [found.key, *((t["effect"], t["place"]) for t in found.twins)]
         larger = compile_model(dataset.library, base.rig, [*keys, found.key])
         chosen = Step(found.key, larger, found.fit, {}, {}, found)
+        if told.winner is None and out.added not in alternatives:
+            continue
         if out.added in alternatives and found.effect == refines.get(out.added[0]):
             return _ladder(dataset, steps[0], [*rest, chosen])  # it did less well for want of another effect
         if out.added not in alternatives:
@@ -554,7 +561,8 @@ def _spared(dataset, steps, noise, seed, progress):
                 continue
             fit = least_squares.fit(dataset, without, steps[-1].fit.parameters)
             told = diagnose(dataset, without, fit, seed, progress, False)
-            known = [told.winner.key, *((t["effect"], t["place"]) for t in told.winner.twins)] if told.winner else []
+            best = told.winner or told.contested
+            known = [best.key, *((t["effect"], t["place"]) for t in best.twins)] if best else []
             if twin in known:
                 others = [{"effect": e, "place": p} for e, p in known if (e, p) != twin]
                 chosen = replace(next(c for c in told.candidates if c.key == twin), accepted=True, twins=others)
@@ -602,7 +610,8 @@ def _doubled(dataset, steps, found, seed, progress):
         if _named(dataset, path, last.noise, len(steps), progress) == len(path) and pair.common == {*pair.keys}:
             return path, last
         refines = corrections(dataset.library)
-        if sure := [s for s in path[len(steps):] if s.added in pair.common and not too_many(s.finding, refines)]:
+        if sure := [s for s in path[len(steps):] if s.added in pair.common and not too_many(
+                s.finding, refines, len(s.model.keys) > 1)]:
             path = _ladder(dataset, steps[0], [*steps[1:], *sure])
             return path, diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
         found.contest([p.keys for p in some if p.clear][:SHOWN])
