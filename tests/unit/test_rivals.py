@@ -9,7 +9,7 @@ from pycosim.compile import Library, compile_model
 from pycosim.diagnosis.crossval import Selection, _cross_validate, _in_branches, _predictive, difference, gap
 from pycosim.diagnosis.decide import _considered
 from pycosim.diagnosis.finding import Finding
-from pycosim.diagnosis.rivals import CONTESTED, KINDS, alike, too_many
+from pycosim.diagnosis.rivals import BESIDE, CONTESTED, KINDS, alike, too_many
 from pycosim.diagnosis.trials import pressed
 from pycosim.fit.bounded import bounded
 from pycosim.fit.least_squares import Fit
@@ -97,9 +97,9 @@ def test_rivals_that_are_one_model_differ_by_nothing():
 def test_what_is_over_between_two_samples_is_told_and_not_counted():
     others = ["stribeck", "presliding", "cross_load", "payload", "torque_offset", "low_pass"][:CONTESTED + 1]
     finding = Finding("viscous", "1A", twins=[{"effect": e, "place": "1A"} for e in others])
-    assert too_many(finding, {})
+    assert too_many(finding, {}, False)
     finding.uncounted = {("presliding", "1A")}
-    assert not too_many(finding, {}) and len(finding.twins) == CONTESTED + 1
+    assert not too_many(finding, {}, False) and len(finding.twins) == CONTESTED + 1
 
 
 def test_so_many_effects_leave_no_name_but_many_places_of_a_few_do():
@@ -107,12 +107,14 @@ def test_so_many_effects_leave_no_name_but_many_places_of_a_few_do():
         return Finding("viscous", "1A", twins=[{"effect": e, "place": p} for e in effects for p in places])
 
     others = ["stribeck", "presliding", "cross_load", "payload", "torque_offset", "low_pass"][:CONTESTED + 1]
-    assert not too_many(with_twins(others[:CONTESTED], ["1A"]), {})
-    assert too_many(with_twins(others, ["1A"]), {})
-    assert not too_many(with_twins(others[:KINDS - 1], ["1A", "1B", "2B"]), {})
-    assert too_many(with_twins(others[:KINDS], ["1A", "1B"]), {})
-    assert not too_many(with_twins(others, ["1A"]), {"stribeck": "viscous"}), "it does as well because that does"
-    assert too_many(with_twins(others, ["1A"]), {"stribeck": "time_delay"}), "which is not among them"
+    assert not too_many(with_twins(others[:CONTESTED], ["1A"]), {}, False)
+    assert too_many(with_twins(others, ["1A"]), {}, False)
+    assert not too_many(with_twins(others[:KINDS - 1], ["1A", "1B", "2B"]), {}, False)
+    assert too_many(with_twins(others[:KINDS], ["1A", "1B"]), {}, False)
+    assert not too_many(with_twins(others, ["1A"]), {"stribeck": "viscous"}, False), "it does as well because that does"
+    assert too_many(with_twins(others, ["1A"]), {"stribeck": "time_delay"}, False), "which is not among them"
+    assert not too_many(with_twins(others[:BESIDE], ["1A"]), {}, True)
+    assert too_many(with_twins(others[:BESIDE + 1], ["1A"]), {}, True), "beside another effect"
 
 
 def test_what_one_fold_alone_tells_leaves_no_rounding_in_the_others():
