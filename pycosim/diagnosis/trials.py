@@ -486,12 +486,14 @@ def pressed(model, fit, attached=None):
     Returns
     -------
     bool
-        The best is at a bound that is not where the effect changes nothing.
+        The best is at a bound that is not where the effect changes nothing, and half of that size is ruled out. One
+        that may as well be half as large is not known: a factor of a loss that is small itself.
     """
     effect, place = attached or model.attached[-1]
     names = [f"{component_name(effect, place)}.{c}" for c in effect.size]
-    at = {n: fit.at_bound(n) for n in names if n in fit.free}
-    return any(getattr(fit.variables[n], end) != model.parameters[n].value for n, end in at.items() if end)
+    ends = {n: getattr(fit.variables[n], end) for n in names if n in fit.free and (end := fit.at_bound(n))}
+    half = {n: (end + model.parameters[n].value) / 2 for n, end in ends.items() if end != model.parameters[n].value}
+    return any(not low <= half[n] <= high for n in half for low, high in [fit.interval(n)])
 
 
 def _told_from_nothing(dataset, model, finding, smaller, without):

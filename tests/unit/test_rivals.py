@@ -176,11 +176,13 @@ def test_a_correction_is_claimed_where_it_takes_enough_beyond_what_it_corrects(m
     assert found[0].effect == said
 
 
-@pytest.mark.parametrize("value, end", [(0.0, False), (0.4, False), (1.0, True)])
-def test_a_size_at_the_end_of_what_is_allowed_is_no_measurement_but_none_at_all_is(value, end):
+@pytest.mark.parametrize("value, error, end", [
+    (0.0, 0.1, False), (0.4, 0.1, False), (1.0, 0.1, True), (1.0, 1.0, False)])
+def test_a_size_at_the_end_of_what_is_allowed_is_no_measurement_but_none_at_all_is(value, error, end):
+    """Nor does one end there that may as well be half as large: a factor of a loss that is small itself."""
     model = compile_model(Library(), "DriveTrain.Rigs.HipKnee", [("load_nonlinearity", "1A")])
     name = "load_nonlinearity_1A.d"
     variable = replace(model.parameters[name], min=0.0, max=1.0)
-    fit = Fit({name: value}, [name], {name: variable}, np.array([value]), np.array([value]), np.eye(1),
+    fit = Fit({name: value}, [name], {name: variable}, np.array([value]), np.array([value]), error ** 2 * np.eye(1),
               np.zeros((0, 1)), 10.0, [], [], np.ones(1))
     assert pressed(model, fit) == end
