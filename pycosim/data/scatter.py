@@ -7,11 +7,14 @@ import math
 import casadi as ca
 import numpy as np
 from scipy.ndimage import median_filter
+from scipy.special import ndtri
 
 from ..compile import ArrayFunction
 
 COARSE, FAR = 4, 2.5  # steps that a usual magnitude is coarse below; deviations beyond which one counts as that far
 WITHIN = 0.7939  # mean of the magnitude of a normal variable, of which none counts as more than 2.5
+NEAR, POINTS = 3.0, 9
+"""Times its noise, that a load is about nothing below; and points at which noise is tried there."""
 AROUND, OUT = 7, 6.0  # samples whose median one is compared with, and scatters that it must be off to be out of line
 
 
@@ -60,50 +63,54 @@ def noise_level(dataset, model, parameters, part="fit"):
     view, picks = dataset.view(part), dataset.picks(part)
     total = np.zeros((len(dataset.outputs), len(picks[0][1])))
     noisy = [k for k in dataset.known if k in dataset.signals and not k.endswith(".w")]
-    for name, response in responses(dataset, model, parameters, noisy).items():
+    for name, square in _squares(dataset, model, parameters, noisy, part).items():
         spread = _noisy(dataset, name) if not name.endswith(".phi") else dataset.steps[name] / math.sqrt(12)
-        total += sum(take((response * spread) ** 2) * weight ** 2 for weight, _, take in picks)
+        total += sum(take(square * spread ** 2) * weight ** 2 for weight, _, take in picks)
     if not dataset.paired:
         total += np.array([_noisy(dataset, c)[view] ** 2 for c in dataset.outputs])
     return np.sqrt(np.where(total > 0, total, 1.0))
 
 
-def loads(dataset, model, parameters, part="fit"):
-    """Load of each segment at each sample, as the motion predicts it, in units of the noise of that load.
+def _squares(dataset, model, parameters, names, part):
+    """Mean squares of the channels' responses to signals, over what noise makes of a load that is about nothing.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        Its motion and torques are known.
-    model : Model
-        With whatever effects are attached.
-    parameters : dict of str to float
-        All of the model's.
-    part : str or ndarray of int
-        As for `Dataset.choose`.
-
-    Returns
-    -------
-    ndarray, shape (any, n)
-        Positive where the segment drives its load, else it is driven: the branch of its friction. One row a segment,
-        two where ways out and back are paired; none where no segment carries a load. Infinite where a load has no
-        noise: it is not computed from a measured torque.
+    Where a load is less than a few times its noise, now one branch of friction answers and now the other, whatever the
+    motion alone would say: for two rivals whose loads pass zero at different times, too.
     """
+    found = {n: r ** 2 for n, r in responses(dataset, model, parameters, names).items()}
+    shaken = [n for n in found if not n.endswith(".phi") and scatter(dataset, n) > 0.0]
+    load, noise = _carried(dataset, model, parameters, part)
+    near = np.flatnonzero((np.abs(load) < NEAR * noise).any(0))
+    if not shaken or not near.size:
+        return found
+    # points of a lattice, so that few of them fill the space of a few signals
+    order = np.arange(POINTS)[:, None] * np.array([(1, 2, 4, 5)[k % 4] for k in range(len(shaken))]) % POINTS
+    total = dict.fromkeys(found, 0.0)
+    for point in ndtri((order + 0.5) / POINTS):
+        shift = {n: z * scatter(dataset, n) for n, z in zip(shaken, point)}
+        for name, response in responses(dataset, model, parameters, list(found), near, shift).items():
+            total[name] = total[name] + response ** 2 / POINTS
+    for name, square in total.items():
+        found[name][:, near] = square
+    return found
+
+
+def _carried(dataset, model, parameters, part):
+    """Load of each segment at each sample, positive where the segment drives it, and its noise, one a segment."""
     ends = [f"{c}.L" for c in dataset.base.segments]
     names = ends + [f"{c}.w" for c in dataset.base.segments]
     known = dataset.segment_signals(model, parameters, names, None, dataset.exogenous())
     noisy = dataset.segment_signals(model, parameters, ends)
-    picks, carried = dataset.picks(part), [c for c in dataset.base.segments if f"{c}.L" in known]
+    carried = [c for c in dataset.base.segments if f"{c}.L" in known]
     if not carried:
-        return np.zeros((0, len(picks[0][1])))
+        return np.zeros((0, len(dataset.time))), np.zeros((0, 1))
     load = np.array([known[f"{c}.L"] * np.sign(known[f"{c}.w"]) for c in carried])
     off = np.abs([noisy[f"{c}.L"] - known[f"{c}.L"] for c in carried])
-    noise = 1.4826 * np.median(np.concatenate([take(off) for _, _, take in picks], axis=1), axis=1, keepdims=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.concatenate([take(np.where(load == 0.0, 0.0, load / noise)) for _, _, take in picks])
+    off = np.concatenate([take(off) for _, _, take in dataset.picks(part)], axis=1)
+    return load, 1.4826 * np.median(off, axis=1, keepdims=True)
 
 
-def responses(dataset, model, parameters, names):
+def responses(dataset, model, parameters, names, rows=None, shift=None):
     """Derivatives of the channels by signals that the model is given, sample by sample.
 
     Parameters
@@ -116,6 +123,10 @@ def responses(dataset, model, parameters, names):
         All of the model's, SI units.
     names : list of str
         Signals; those that the channels do not depend on are left out.
+    rows : ndarray of int, shape (n,), optional
+        Samples; all by default.
+    shift : dict of str to float, optional
+        By signal, what is added to it, in its unit.
 
     Returns
     -------
@@ -126,14 +137,16 @@ def responses(dataset, model, parameters, names):
     y = question.output(u, x, p)
     signals, (states, _) = dataset.undelayed(dataset.ask(model), parameters, dataset.exogenous()), dataset.states(
         model, parameters)
-    arguments = ([signals.get(n, 0.0) for n in question.inputs] + list(states)
-                 + [float(parameters[n]) for n in question.parameters])
+    moved = [signals.get(n, 0.0) + (shift or {}).get(n, 0.0) for n in question.inputs]
+    given = [v if rows is None or np.ndim(v) == 0 else v[rows] for v in [*moved, *states]]
+    arguments, count = given + [float(parameters[n]) for n in question.parameters], len(
+        dataset.time if rows is None else rows)
     found = {}
     for name in [n for n in names if n in question.inputs]:
         slope = ca.jacobian(y, u[question.inputs.index(name)])
         if slope.nnz():
             found[name] = ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(slope)]))(
-                arguments, len(dataset.time))
+                arguments, count)
     return found
 
 

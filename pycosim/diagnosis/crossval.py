@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.noise import contiguous
-from ..data.scatter import loads, noise_level
+from ..data.scatter import noise_level
 from ..fit.bounded import bounded
 
 LARGEST = 50e6  # bytes of derivatives that rivals are compared by: a longer log is thinned
@@ -16,7 +16,6 @@ HINT = 0.02
 nothing, its own stands in, instead of an extrapolation. In logs of 12 s, of three passes, the plain error of unseen
 passes was a hundred times that of fitted ones, whatever law was in the model, and true effects of twice the noise were
 refused."""
-NOTHING = 5.0  # times its noise, that a load is about nothing below
 
 
 @dataclass
@@ -33,8 +32,6 @@ class Selection:
         The same of the whitened residual: sharper between rivals.
     level : ndarray, shape (channels, n)
         Noise that each sample should show, in the channels' units.
-    loads : ndarray, shape (any, n)
-        Loads of the segments over their noise, positive where they drive it.
     left : dict of str to ndarray, shape (channels, compared samples)
         By kind of error, ``raw`` and ``white``: the residual that it is made of.
     index : ndarray of int, shape (compared samples,)
@@ -47,7 +44,6 @@ class Selection:
     alone: np.ndarray
     white: np.ndarray
     level: np.ndarray
-    loads: np.ndarray
     left: dict
     index: np.ndarray
     thin: int
@@ -86,9 +82,9 @@ def select(dataset, model, fit, noise, beside=None):
     problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
     thin = max(1, int(problem.n * (len(fit.free) + 1) * len(noise) * 8 / LARGEST))
     sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
-    own = noise_level(dataset, model, fit.parameters), loads(dataset, model, fit.parameters)
-    whole, carried = own if beside is None else (beside.level, beside.loads)
-    level, usual = _in_branches(*own, whole, carried)[:, ::thin], np.median(whole, axis=1, keepdims=True)
+    level = noise_level(dataset, model, fit.parameters)
+    whole = level if beside is None else beside.level
+    level, usual = level[:, ::thin], np.median(whole, axis=1, keepdims=True)
     if thin > 1:
         problem, sloped = problem.thin(thin), sloped.thin(thin)
     residual = problem.residual(fit.values) * usual / level
@@ -115,30 +111,7 @@ def select(dataset, model, fit, noise, beside=None):
     y = np.r_[-bounded(total[:-1, :-1], total[:-1, -1], low, high)[1], 1.0]
     left = {"raw": residual - np.einsum("i,cij->cj", -y[:-1], slope), "white": np.array([y @ w for w in whitened])}
     left["raw"] *= fit.weights[:, None]
-    return Selection(*errors[:2], errors[2].sum(0), whole, carried, left, index, thin)
-
-
-def _in_branches(level, own, beside, carried):
-    """The noise level of a model, in the branches of friction that another has where its loads are about nothing.
-
-    A model that responds less to a noisy torque leaves less noise, and is asked for that by its own level. Where the
-    load is about nothing, though, one says that a segment drives and another that it is driven, and the response is
-    larger then: a model would do better by nothing but taking more of its samples for the noisy ones. There it has the
-    level that is usual for it in the other's branch. Where a model moves a load by more than noise could, its samples
-    leave the noise of their own branch: one whose wrong load has much of a log in the branch that responds less
-    would do better by what it leaves out.
-    """
-    turned = (own > 0) != (carried > 0)
-    other = turned.any(0) & (~turned | (np.maximum(np.abs(own), np.abs(carried)) < NOTHING)).all(0)
-    if not other.any() or other.all():
-        return level
-    ratio, found, same = np.log(level / beside), level.copy(), ~turned.any(0)
-    number = np.unique(carried > 0, axis=1, return_inverse=True)[1].ravel()
-    for k in np.unique(number[other]):
-        moved, here = other & (number == k), same & (number == k)
-        usual = np.median(ratio[:, here if here.any() else same if same.any() else ~other], axis=1, keepdims=True)
-        found[:, moved] = beside[:, moved] * np.exp(usual)
-    return found
+    return Selection(*errors[:2], errors[2].sum(0), whole, left, index, thin)
 
 
 def _cross_validate(gram, fold, low, high, hint=HINT):

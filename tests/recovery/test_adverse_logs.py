@@ -240,7 +240,9 @@ def test_a_ripple_is_found_beside_a_wrong_mass_of_the_reference(tmp_path):
     ("geared:torque_offset:2.4:10202", "torque_offset@motor")])  # rivals differ in branches where loads are nothing
 def test_what_slow_samples_and_samples_without_load_tell(name, effect, tmp_path):
     found = pc.open(make(name, tmp_path, quick=True)).improve()
-    assert found.steps[1].added == effect and found.last.verdict == "nothing_missing", found
+    step, = found.steps[1:]
+    told = [step.added, *(f"{t['effect']}@{t['place']}" for t in step.record["alternatives"])]
+    assert effect in told and len(told) <= 3 and found.last.verdict == "nothing_missing", (told, found)
 
 
 @pytest.mark.slow
