@@ -363,11 +363,7 @@ def _named(dataset, steps, noise, known, progress):
     """
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     refines = corrections(dataset.library)
-
-    def nameless(step):
-        return too_many(step.finding, refines, len(step.model.keys) > 1)
-
-    for step in [s for s in steps[known:] if nameless(s)]:
+    for step in [s for s in steps[known:] if _nameless(s, refines)]:
         rest = [*base.keys, *(s.added for s in steps[1:] if s is not step)]
         without = compile_model(dataset.library, base.rig, rest)
         here, full = fulls.beside(without)
@@ -380,7 +376,12 @@ def _named(dataset, steps, noise, known, progress):
             if one is not None and alike(alone, one, full):
                 twins.append(twin)
         step.finding = replace(step.finding, twins=twins)
-    return next((k for k, s in enumerate(steps) if k >= known and nameless(s)), len(steps))
+    return next((k for k, s in enumerate(steps) if k >= known and _nameless(s, refines)), len(steps))
+
+
+def _nameless(step, refines):
+    """Whether too many others do as well as what a step has added, alone or beside the effects before it."""
+    return too_many(step.finding, refines, len(step.model.keys) > 1)
 
 
 def _shortfall(dataset, steps, noise, known, seed):
@@ -610,8 +611,7 @@ def _doubled(dataset, steps, found, seed, progress):
         if _named(dataset, path, last.noise, len(steps), progress) == len(path) and pair.common == {*pair.keys}:
             return path, last
         refines = corrections(dataset.library)
-        if sure := [s for s in path[len(steps):] if s.added in pair.common and not too_many(
-                s.finding, refines, len(s.model.keys) > 1)]:
+        if sure := [s for s in path[len(steps):] if s.added in pair.common and not _nameless(s, refines)]:
             path = _ladder(dataset, steps[0], [*steps[1:], *sure])
             return path, diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
         found.contest([p.keys for p in some if p.clear][:SHOWN])

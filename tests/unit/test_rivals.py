@@ -134,7 +134,7 @@ def test_what_one_fold_alone_tells_leaves_no_rounding_in_the_others():
 
 
 def test_without_load_a_sample_has_the_noise_of_both_branches(tmp_path):
-    """By which of them the motion alone would say, rivals whose loads pass zero elsewhere differed by 27 and by 52."""
+    """By which of them the motion alone would say, two rivals whose loads pass zero elsewhere differed by 27."""
     project = pc.open(make("geared:none::5", tmp_path, quick=True))
     fitted = project.fit()
     data, model, values = fitted.dataset, fitted.model, fitted.solution.parameters
