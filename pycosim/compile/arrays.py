@@ -41,6 +41,67 @@ def _twice(value, out=None):
     return np.multiply(value, 2.0, out=out)
 
 
+class _Plan:
+    """The instructions of a function in two parts, for arguments of which it is known which are arrays.
+
+    What hangs on numbers alone is worked out once a call, the rest once a block. Values have numbers of their own,
+    buffers are those of the function.
+    """
+
+    def __init__(self, program, arrays):
+        self.start, self.given, self.once, self.sliced, self.steps, self.filled = [], [], [], [], [], []
+        of_slot, is_array = {}, []
+
+        def new(slot, array, value=None):
+            of_slot[slot] = len(self.start)
+            self.start.append(value)
+            is_array.append(array)
+            return of_slot[slot]
+
+        for op, out, a, b in program:
+            if op == "in":
+                (self.sliced if arrays[a] else self.given).append((new(out, arrays[a]), a))
+            elif op == "const":
+                new(out, False, np.float64(a))
+            elif op == "out":
+                source = of_slot[a]
+                if is_array[source]:
+                    self.steps.append((None, out, source, None, None))
+                else:
+                    self.filled.append((out, source))
+            else:
+                x, y = of_slot[a], None if b is None else of_slot[b]
+                array = is_array[x] or (y is not None and is_array[y])
+                value = new(out, array)
+                if array:
+                    self.steps.append((op, value, x, y, out))
+                else:
+                    self.once.append((op, value, x, y))
+
+    def begin(self, arguments):
+        """Values that are the same in all blocks."""
+        values = self.start.copy()
+        for value, a in self.given:
+            values[value] = np.float64(arguments[a])
+        for op, value, x, y in self.once:
+            values[value] = op(values[x]) if y is None else op(values[x], values[y])
+        return values
+
+    def block(self, values, arguments, where, buffers, result):
+        """Work one block out, a row of result each output."""
+        for value, a in self.sliced:
+            values[value] = arguments[a][where]
+        for op, value, x, y, buffer in self.steps:
+            if op is None:
+                result[value] = values[x]
+            elif y is None:
+                values[value] = op(values[x], out=buffers[buffer])
+            else:
+                values[value] = op(values[x], values[y], out=buffers[buffer])
+        for row, x in self.filled:
+            result[row] = values[x]
+
+
 class ArrayFunction:
     """A scalar-input SX function evaluated over arrays.
 
@@ -57,6 +118,7 @@ class ArrayFunction:
         self.out_offsets = np.cumsum([0] + [function.nnz_out(i) for i in range(function.n_out())])
         self.program = [self._instruction(k) for k in range(function.n_instructions())]
         self.work_size = function.sz_w() + 1
+        self.plans = {}
 
     def _instruction(self, k):
         f = self.function
@@ -99,34 +161,18 @@ class ArrayFunction:
         result : ndarray, shape (rows, m)
             To be read before the next block is asked for.
         """
-        buffers = np.empty((self.work_size, block))
-        result = np.empty((self.rows, block))
-        work = [None] * self.work_size
+        arrays = tuple(isinstance(a, np.ndarray) for a in arguments)
+        if arrays not in self.plans:
+            self.plans[arrays] = _Plan(self.program, arrays)
+        plan, most = self.plans[arrays], min(block, n)
+        buffers, result = np.empty((self.work_size, most)), np.empty((self.rows, most))
         with np.errstate(all="ignore"):
+            values = plan.begin(arguments)
             for start in range(0, n, block):
-                stop = min(start + block, n)
-                m = stop - start
-                self._run(arguments, slice(start, stop), work, buffers[:, :m], result[:, :m])
-                yield slice(start, stop), result[:, :m]
-
-    def _run(self, arguments, where, work, buffers, result):
-        for op, out, a, b in self.program:
-            if op == "in":
-                value = arguments[a]
-                work[out] = value[where] if isinstance(value, np.ndarray) else value
-            elif op == "out":
-                result[out] = work[a]
-            elif op == "const":
-                work[out] = a
-            elif b is None:
-                x = work[a]
-                work[out] = op(x, out=buffers[out]) if isinstance(x, np.ndarray) else op(np.float64(x))
-            else:
-                x, y = work[a], work[b]
-                if isinstance(x, np.ndarray) or isinstance(y, np.ndarray):
-                    work[out] = op(x, y, out=buffers[out])
-                else:
-                    work[out] = op(np.float64(x), np.float64(y))
+                m = min(block, n - start)
+                where, rows = slice(start, start + m), result[:, :m]
+                plan.block(values, arguments, where, [*buffers[:, :m]], rows)
+                yield where, rows
 
     def __call__(self, arguments, n):
         """Evaluate over all samples.

@@ -326,35 +326,87 @@ def fit_noise(residual, chain, absorbed=None):
     .. [1] Patterson, H. D. and Thompson, R. (1971). Recovery of inter-block information when block sizes are unequal.
            Biometrika 58(3).
     """
+    absorbed = np.zeros((0, len(residual))) if absorbed is None else absorbed
+    (means, found), *proved = _told(residual, absorbed, chain)
+    for _, other in proved:
+        between = math.sqrt(np.mean(np.diff(residual)[chain.gaps[1:] == means.step] ** 2) / 2)  # at least what is white
+        return replace(other, white=max(other.white, min(found.white, between)))
+    return found
+
+
+def likelier(residual, chain, absorbed, columns):
+    """By how much columns make a residual likelier, the noise at its best beside them and without them.
+
+    Coefficients are those of generalised least squares in each noise that is tried: a column that goes with slow noise
+    gains no more there than one of the few values that such noise has.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        Of one channel, in its unit.
+    chain : Chain
+        Time between neighbouring samples, and where the noise starts anew.
+    absorbed : ndarray, shape (p, n)
+        Derivatives by the fitted parameters.
+    columns : ndarray, shape (k, n)
+        What may explain the residual besides.
+
+    Returns
+    -------
+    float
+        Difference of the largest log-likelihoods; 0 where too few samples follow each other. Twice that is chi-squared
+        with k degrees of freedom [1]_ where noise alone is there and the columns were not chosen.
+
+    References
+    ----------
+    .. [1] Wilks, S. S. (1938). The large-sample distribution of the likelihood ratio for testing composite hypotheses.
+           Annals of Mathematical Statistics 9(1).
+    """
+    rows = np.concatenate([absorbed, columns])
+    rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+    told = _told(residual, rows, chain)
+    if told[0][0] is None:
+        return 0.0
+    without = _Means.of(residual, rows[:len(absorbed)], chain, COARSE if len(told) > 1 else None)
+    before, after = (_likeliest(means, means.unlikelihood)[0] for means in (without, told[-1][0]))
+    return max(before - after, 0.0)
+
+
+def _told(residual, absorbed, chain):
+    """Means and the noise that they tell of; after them coarse means, where these prove that noise wrong."""
     variance = float(np.mean(residual ** 2)) if len(residual) else 1.0
     plain = Noise(math.sqrt(max(chain.colour * variance, 1e-300)))
-    absorbed = np.zeros((0, len(residual))) if absorbed is None else absorbed
-    means = _Means.of(residual, absorbed, chain)
-    if means is None or variance <= 0:
-        return plain
+    means = _Means.of(residual, absorbed, chain) if variance > 0 else None
+    if means is None:
+        return [(None, plain)]
     found = _told_by(means) or plain
     coarse = _Means.of(residual, absorbed, chain, COARSE)
     if coarse is None:
-        return found
+        return [(means, found)]
     other = _told_by(coarse) or Noise(math.sqrt(coarse.evaluate((-50.0, math.log(coarse.least)))[1]))
     if coarse.unlikely(found) <= coarse.unlikely(other) + PROVED:
-        return found
-    between = math.sqrt(np.mean(np.diff(residual)[chain.gaps[1:] == means.step] ** 2) / 2)  # at least what is white
-    return replace(other, white=max(other.white, min(found.white, between)))
+        return [(means, found)]
+    return [(means, found), (coarse, other)]
 
 
 def _told_by(means):
     """The noise that is likeliest by means; None where that is white."""
-    times = np.linspace(math.log(means.least), math.log(means.longest), 4)
-    starts = sorted((min(((r, t) for r in (-2.5, -1.0, 0.5)), key=means.misfit) for t in times), key=means.misfit)
-    found = _least(means.misfit, starts[0])
-    for x in (x for x in starts[1:VALLEYS] if _apart(means.misfit, x, found.x)):
-        found = min(found, _least(means.misfit, x), key=lambda f: f.fun)
-    if found.fun > means.misfit((-50.0, found.x[1])) - PROVED:
+    misfit, x = _likeliest(means, means.misfit)
+    if misfit > means.misfit((-50.0, x[1])) - PROVED:
         return None
-    r, t = means.inside(found.x)
+    r, t = means.inside(x)
     white = math.sqrt(means.evaluate((r, t))[1])
     return Noise(white, white * math.exp(r), math.exp(t))
+
+
+def _likeliest(means, misfit):
+    """Least misfit of means, and where it is."""
+    times = np.linspace(math.log(means.least), math.log(means.longest), 4)
+    starts = sorted((min(((r, t) for r in (-2.5, -1.0, 0.5)), key=misfit) for t in times), key=misfit)
+    found = _least(misfit, starts[0])
+    for x in (x for x in starts[1:VALLEYS] if _apart(misfit, x, found.x)):
+        found = min(found, _least(misfit, x), key=lambda f: f.fun)
+    return found.fun, found.x
 
 
 def _least(misfit, x):
@@ -426,14 +478,18 @@ class _Means:
         """Minus the restricted log-likelihood, with the scale at its best."""
         return self.evaluate(self.inside(x))[0]
 
+    def unlikelihood(self, x):
+        """Minus the log-likelihood, with scale and coefficients at their best."""
+        return self.evaluate(self.inside(x), restricted=False)[0]
+
     def unlikely(self, noise):
         """Minus the restricted log-likelihood of a noise with its own scale."""
         x = self.inside((math.log(noise.slow / noise.white), math.log(noise.memory)) if noise.slow else
                         (-50.0, math.log(self.least)))
-        misfit, scale, n = self.evaluate(x, True)
+        misfit, scale, n = self.evaluate(x, count=True)
         return misfit + 0.5 * n * (math.log(noise.white ** 2 / scale) + scale / noise.white ** 2)
 
-    def evaluate(self, x, count=False):
+    def evaluate(self, x, count=False, restricted=True):
         """Misfit, the white variance that is best, and, where asked for, how many values tell it."""
         d, ratio, memory = self.size, math.exp(2 * x[0]), math.exp(x[1])
         phi = math.exp(-self.step / memory)
@@ -449,10 +505,11 @@ class _Means:
         a, b = a[np.ix_(free, free)], b[free]
         left = white[-1] @ white[-1] - b @ np.linalg.lstsq(a, b, rcond=1e-10)[0]
         scatter = 1 + (ratio - own) * d / (d - 1) if d > 1 else 1.0
-        n = len(spread) - len(b) + self.count
+        n = len(spread) + self.count - (len(b) if restricted else 0)
         scale = max((left + self.within / scatter) / n, 1e-300)
         logs = 2 * np.log(spread).sum() + self.count * math.log(scatter)
-        logs += np.log(np.maximum(np.linalg.eigvalsh(a), 1e-10)).sum() if len(a) else 0.0
+        if restricted and len(a):
+            logs += np.log(np.maximum(np.linalg.eigvalsh(a), 1e-10)).sum()
         misfit = 0.5 * (n * math.log(scale) + logs)
         return (misfit, scale, n) if count else (misfit, scale)
 

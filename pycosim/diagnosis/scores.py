@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from ..data.noise import fit_noise
+from ..data.noise import fit_noise, likelier
 from ..fit import least_squares
 from ..fit.bounded import bounded
 from .cycles import ripples
@@ -20,12 +20,6 @@ from .cycles import ripples
 LEVEL = 0.01
 DRAWS = 1999
 SEEN = 4.0  # standard errors that the largest size of an effect must exceed for the log to say anything of it
-LIKELIER = 24.0
-"""Log-likelihood that each of some columns must add, beside noise that is fitted anew, to be taken for no noise.
-
-The best of 584 columns makes noise with a memory of 1 s, alone in 10 s of a log, likelier by 14 to 15 in one of twenty
-draws and by 18 to 23 in one of forty. The first column of an effect that costs an error of 1.3 to 2.4 times adds 16 to
-1500."""
 SHADOW = 1e-4  # of a column, that must be left beside another for it to be more than its shadow
 ROUNDINGS = 40
 """Times that what was measured is rounded anew: the spread of a score is then known to about a tenth."""
@@ -108,21 +102,25 @@ class Scores:
         """Noise of each channel beside the few columns that explain most: a missing effect is not noise.
 
         Nor is slow noise a missing effect: eight of hundreds of columns take half of it away where a log is as short
-        as a few of its memories. Unless they make the samples much likelier, the noise fitted anew, all is noise.
+        as a few of its memories. Unless they make the samples likelier than the best of so many would by chance, the
+        noise fitted anew, all is noise.
         """
         slopes = [w * s for w, s in zip(self.weights, self.table.slope)]
         root = least_squares.orthonormal(least_squares.invert(sum(s @ s.T for s in slopes))[0])
-        absorbed, chain = [root @ s for s in slopes], self.table.chain
-
-        def beside(beta):
-            left = self._left_by(beta)
-            noise = [fit_noise(r, chain, a) for r, a in zip(left, absorbed)]
-            return noise, sum(n.unlikely(r, chain) for n, r in zip(noise, left))
-
         without, *more = self._path(sum(w ** 2 * g for w, g in zip(self.weights, self._thin_moments())), 0.02)
-        self.noise, unlikely = beside(without)
-        if any(beside(beta)[1] + LIKELIER * k < unlikely for k, beta in enumerate(more, 1)):
-            self.noise = beside(more[-1])[0]
+        best = more[-1] if any(self._beyond_chance(beta) for beta in more) else without
+        self.noise = [fit_noise(r, self.table.chain, root @ s) for r, s in zip(self._left_by(best), slopes)]
+
+    def _beyond_chance(self, beta):
+        """Whether the columns of a combination make the samples likelier than the best of all does by chance."""
+        used = [k - self.p for k in np.flatnonzero(beta) if k >= self.p]
+        gain, told = 0.0, 0
+        for c, residual in enumerate(self.table.residual):
+            columns = np.array([row for row in (self.columns[k][c] for k in used) if row.any()])
+            if len(columns):
+                gain += likelier(residual, self.table.chain, self.table.slope[c], columns)
+                told += len(columns)
+        return gain > 0.5 * special.chdtri(told, LEVEL / len(self.columns) ** len(used))
 
     def _left_by(self, beta):
         """Residual of each channel that a combination of rows leaves."""
@@ -169,7 +167,7 @@ class Scores:
     def _whiten(self):
         """Moments of the whitened columns; the residual's spread fixes their scale."""
         t = self.table
-        self.thin = self._thin_moments()
+        self.thin, self.of_all = self._thin_moments(), None
         self.gram, self.frame = np.zeros_like(self.thin[0]), []
         self.beside_rounding = np.zeros((len(self.gram) - 1, len(self.rounded[0])))
         for c, noise in enumerate(self.noise):
@@ -214,6 +212,12 @@ class Scores:
         return {c: float(np.sqrt(max(error[c] ** 2 - (before - after), 0.0)))
                 for c, before, after in zip(self.table.channels, self._mean_squares(candidate, ()), left)}
 
+    def _weighted(self):
+        """Moments of the rows of all channels together, in the weights of the fit."""
+        if self.of_all is None or self.of_all.shape != self.thin[0].shape:
+            self.of_all = sum(w ** 2 * g for w, g in zip(self.weights, self.thin))
+        return self.of_all
+
     def _mean_squares(self, candidate, coefficients):
         """Mean square of each channel of the table, with a candidate's coefficients."""
         p = self.p
@@ -221,8 +225,8 @@ class Scores:
         y[-1] = 1.0
         for b, part in zip(coefficients, candidate.parts):
             y[p + np.array(part)] -= b
-        total = sum(w ** 2 * g[:p] for w, g in zip(self.weights, self.thin))
         if p:
+            total = self._weighted()[:p]
             y[:p] = -bounded(total[:, :p], total @ y, *self._bounds())[1]
         samples = len(range(0, len(self.table.time), self.few))
         return [max(y @ g @ y, 0.0) / samples for g in self.thin]
@@ -242,7 +246,7 @@ class Scores:
         float
             As a part of the error of all channels together.
         """
-        total, base = sum(w ** 2 * g for w, g in zip(self.weights, self.thin)), np.arange(self.p)
+        total, base = self._weighted(), np.arange(self.p)
         rows = self.p + np.array(candidate.parts[0])
         cross = total[np.ix_(base, rows)].sum(1)
         own = total[np.ix_(rows, rows)].sum() - cross @ least_squares.invert(total[:self.p, :self.p])[0] @ cross

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from benchmarks.plan.run import baseline, dataset
-from pycosim.data.noise import Noise, chained, fit_noise
+from pycosim.data.noise import Noise, chained, fit_noise, likelier
 from pycosim.data.scatter import spread
 from pycosim.data.segmentation import Pairs
 from pycosim.fit import least_squares
@@ -145,6 +145,46 @@ def test_what_is_smooth_and_missing_takes_nothing_of_the_white_noise(period):
     for seed in range(3):
         values = 0.11 * np.random.default_rng(seed).standard_normal(len(time)) + 0.3 * np.sin(2 * np.pi * time / period)
         assert fit_noise(values, chained(time, np.zeros(len(time), int), False)).white == pytest.approx(0.11, rel=0.06)
+
+
+def drawn(rng, seconds, slow, memory, step=0.01):
+    """White noise of 1 with slow noise."""
+    keep, n = np.exp(-step / memory), int(seconds / step)
+    drift = lfilter([np.sqrt(1 - keep ** 2)], [1, -keep], rng.standard_normal(n + 3000))[3000:]
+    return slow * drift + rng.standard_normal(n)
+
+
+@pytest.mark.parametrize("slow, memory", [
+    (1.0, 1.0), *(pytest.param(*noise, marks=pytest.mark.long) for noise in ((0.0, 1.0), (0.5, 0.1), (2.0, 4.0)))])
+def test_a_column_makes_noise_alone_likelier_by_half_a_chi_squared(slow, memory):
+    """Also noise that a log of 20 s holds only five times: a column that lies in it gains no more."""
+    found = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        noise, time = drawn(rng, 20.0, slow, memory), 0.01 * np.arange(2000)
+        chain, column = chained(time, np.zeros(2000), True), np.sin(2 * np.pi * rng.uniform(0.1, 1.0) * time)
+        found.append(2 * likelier(noise, chain, np.ones((1, 2000)), column[None]))
+    assert np.median(found) == pytest.approx(0.455, rel=0.6)  # of chi-squared with one degree of freedom
+    assert 0 <= np.count_nonzero(np.array(found) > 3.84) <= 8  # 3 of 60 expected; more than 8 once in 200
+
+
+def test_a_column_that_is_there_makes_samples_likelier_by_what_it_explains():
+    """As a known noise tells: half its squares, whitened; beside a derivative that goes with it, less."""
+    rng, time = np.random.default_rng(0), 0.01 * np.arange(2000)
+    chain, column = chained(time, np.zeros(2000), True), np.sign(np.sin(2 * np.pi * 0.3 * time))
+    noise = drawn(rng, 20.0, 0.5, 0.3)
+    white = Noise(1.0, 0.5, 0.3).whiten(0.5 * column, chain)
+    gain = likelier(noise + 0.5 * column, chain, np.ones((1, 2000)), column[None])
+    assert gain == pytest.approx(0.5 * white @ white, rel=0.5)
+    near = column + 0.1 * rng.standard_normal(2000)
+    assert likelier(noise + 0.5 * column, chain, near[None], column[None]) < 0.1 * gain
+    scaled = likelier(noise + 0.5 * column, chain, np.full((1, 2000), 1e-6), 1e9 * column[None])
+    assert scaled == pytest.approx(gain, rel=1e-6)
+
+
+def test_too_few_samples_are_made_no_likelier():
+    chain = chained(np.arange(5.0), np.zeros(5), True)
+    assert likelier(np.ones(5), chain, np.zeros((0, 5)), np.ones((1, 5))) == 0.0
 
 
 def test_no_rows_are_whitened_to_none():

@@ -13,24 +13,30 @@ STEP, SECONDS, COLUMNS = 0.01, 13.0, 300
 SLOW, MEMORY = 0.4, 1.0  # of white noise of 1; s
 
 
-def told(residual, columns):
-    """Noise of one channel beside columns of which none is in the base model."""
+def scored(residual, columns):
+    """Scores of one channel beside columns of which none is in the base model, before any is worked out."""
     n, own = len(residual), object.__new__(Scores)
     own.table = SimpleNamespace(residual=residual[None], slope=np.zeros((1, 0, n)), time=STEP * np.arange(n),
                                 chain=chained(STEP * np.arange(n), np.zeros(n), True))
     own.p, own.weights, own.few, own.columns = 0, [1.0], 1, list(columns[:, None])
+    return own
+
+
+def told(residual, columns):
+    """Noise of that channel."""
+    own = scored(residual, columns)
     own._noise()
     return own.noise[0]
 
 
-def drawn(seed):
-    """Noise of a log that holds its memory a dozen times, and columns of a motion of some hertz."""
+def drawn(seed, slow=SLOW, memory=MEMORY):
+    """Noise of a log that holds its memory a dozen times, or fewer, and columns of a motion of some hertz."""
     rng, time = np.random.default_rng(seed), np.arange(0, SECONDS, STEP)
-    keep = np.exp(-STEP / MEMORY)
+    keep = np.exp(-STEP / memory)
     drift = lfilter([np.sqrt(1 - keep ** 2)], [1, -keep], rng.standard_normal(len(time) + 1000))[1000:]
     f, phase = rng.uniform(0.05, 1.5, (2, COLUMNS, 1)), rng.uniform(0, 2 * np.pi, (2, COLUMNS, 1))
     columns = np.sin(2 * np.pi * f[0] * time + phase[0]) * np.sin(2 * np.pi * f[1] * time + phase[1])
-    return SLOW * drift + rng.standard_normal(len(time)), columns
+    return slow * drift + rng.standard_normal(len(time)), columns
 
 
 def deviations(effect):
@@ -49,3 +55,18 @@ def test_columns_take_no_slow_noise_away_from_a_short_log():
 
 def test_an_effect_is_no_noise():
     assert deviations(2.0) < 1.0
+
+
+@pytest.mark.parametrize("slow, memory", [(SLOW, MEMORY), pytest.param(1.0, 3.0, marks=pytest.mark.long)])
+def test_the_best_of_hundreds_of_columns_is_beyond_chance_where_one_is_there(slow, memory):
+    """Also where a constant torque is most of the error, in a log that holds its noise four times."""
+    alone = there = 0
+    for seed in range(20):
+        noise, columns = drawn(seed, slow, memory)
+        columns[0] = np.sign(columns[0])
+        for effect in (0.0, 1.0):
+            own = scored(noise + effect * columns[0], columns)
+            seen = any(own._beyond_chance(beta) for _, beta in zip(range(2), own._path(own._thin_moments()[0], 0.0))
+                       if beta.any())
+            alone, there = alone + (seen and not effect), there + (seen and effect > 0)
+    assert alone <= 1 and there >= 17
