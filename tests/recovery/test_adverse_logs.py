@@ -17,7 +17,8 @@ from pycosim.report import records, sentences
 from pycosim.study.parse import load_study
 
 
-@pytest.mark.parametrize("case", ["linear_digital:none::910", "linear_digital:none::943"])
+@pytest.mark.parametrize("case", [
+    "linear_digital:none::910", pytest.param("linear_digital:none::943", marks=pytest.mark.slow)])
 def test_an_encoder_s_steps_in_even_motion_are_no_ripple_and_no_function_of_the_acceleration(case, tmp_path):
     first, last, found, shown = hidden(case, tmp_path)
     assert (first, last, found) == ("nothing_missing", "nothing_missing", []), shown
@@ -58,7 +59,7 @@ def test_a_delay_of_a_sample_and_a_half_is_no_three_samples(tmp_path):
 
 @pytest.mark.parametrize(("case", "true"), [
     ("short_gait:time_delay:2.4:60011", 0.01306), ("multisine:time_delay:2.4:60019", 0.0094),
-    ("outliers_1:time_delay:2.4:60014", 0.03461)])
+    pytest.param("outliers_1:time_delay:2.4:60014", 0.03461, marks=pytest.mark.slow)])
 def test_a_delay_of_few_samples_or_behind_spikes_is_no_friction_that_lags(case, true, tmp_path):
     found = search.improve(Dataset(load_study(make(case, tmp_path, quick=True)), Library()))
     assert [s.added for s in found.steps[1:]] == [("time_delay", "torque")], summary(found)
@@ -93,7 +94,8 @@ def test_the_friction_of_a_mesh_is_no_noise(tmp_path):
 
 
 @pytest.mark.parametrize(("case", "error", "experiment"), [
-    ("reference_zero:torque_constant:1.3:60029", "reference_zero@hip", "let the joint hang and read its encoder"),
+    pytest.param("reference_zero:torque_constant:1.3:60029", "reference_zero@hip",
+                 "let the joint hang and read its encoder", marks=pytest.mark.slow),
     ("reference_zero:direction_asymmetry:1.7:60001", "reference_offset@hip", "read the reference where the load has"),
     ("reference_centre:direction_asymmetry:2.4:60008", "reference_gain@hip+knee", "hang a known load on the joint")])
 def test_two_effects_that_do_what_a_spring_does_leave_it_no_name(case, error, experiment, tmp_path):

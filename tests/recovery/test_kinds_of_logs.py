@@ -62,7 +62,8 @@ def check(result, hidden):
     assert result.last.verdict == "nothing_missing", summary(result)
 
 
-@pytest.mark.parametrize("seed", seeds(3, 4, 5))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", (3, 4, 5))
 def test_a_viscous_effect_is_found_without_torque_reference(tmp_path, seed):
     check(paired(tmp_path, seed, ("viscous", "1A")), ("viscous", "1A"))
 
@@ -94,7 +95,8 @@ def test_nothing_is_missing_in_runs_of_different_loads(tmp_path, seed):
     assert result.first.verdict == "nothing_missing" and not told(result), summary(result)
 
 
-@pytest.mark.parametrize("case", ["outside:tide:1.7:224", "outside:intermittent:1.7:218", "plain:none::224"])
+@pytest.mark.parametrize("case", [
+    "outside:tide:1.7:224", pytest.param("outside:intermittent:1.7:218", marks=pytest.mark.slow), "plain:none::224"])
 def test_what_is_slower_than_noise_is_not_nothing(case, tmp_path):
     result = search.improve(Dataset(load_study(make(case, tmp_path, quick=True)), Library()))
     slow = [own["slow"] for own in result.first.channels.values()]
