@@ -84,7 +84,7 @@ class _Plan:
         for value, a in self.given:
             values[value] = np.float64(arguments[a])
         for op, value, x, y in self.once:
-            values[value] = np.float64(op(values[x]) if y is None else op(values[x], values[y]))  # true is 1, and adds up
+            values[value] = np.float64(op(values[x]) if y is None else op(values[x], values[y]))  # truth adds up
         return values
 
     def block(self, values, arguments, where, buffers, result):

@@ -17,7 +17,8 @@ import numpy as np
 from scipy.linalg.lapack import dtbtrs
 from scipy.optimize import minimize
 
-BLOCKS = 2500  # means that the memory of the noise is estimated from
+BLOCKS = 2500  # means at least that the memory of the noise is estimated from, and twice as many at most
+_GOLDEN = (math.sqrt(5) - 1) / 2
 LONGEST = 32  # samples of one mean at most
 STRETCHES = 5.0
 """Times that a log must hold the memory of its noise: what it holds less often is a trend, of which it shows one."""
@@ -454,7 +455,8 @@ class _Means:
         if coarse and (size < coarse or len(residual) < _MANY * coarse):
             return None
         pieces = [(a, n // size) for a, n in zip(edges[:-1].tolist(), length.tolist()) if n >= size]
-        pieces = pieces[::max(1, round(sum(n for _, n in pieces) / BLOCKS))]
+        share = 2 * BLOCKS / sum(n for _, n in pieces)  # in no rhythm: every other piece may go one way
+        pieces = [piece for k, piece in enumerate(pieces) if k * _GOLDEN % 1 < share]
         begins = np.concatenate([a + size * np.arange(n) for a, n in pieces])
         index = begins[:, None] + np.arange(size)
         values = residual[index]

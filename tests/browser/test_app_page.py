@@ -222,7 +222,7 @@ def test_the_keyboard_alone_goes_from_a_log_to_a_comparison(app, page, study):
     page.locator("[data-held-out]").wait_for(timeout=LONG)
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("theme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_axe_core_finds_no_violation_on_any_tab(app, page, study, theme):
     address, _ = app()
     page.emulate_media(color_scheme=theme)

@@ -47,6 +47,7 @@ def diagnosed(page):
     page.get_by_text("Missing: viscous_asymmetry at worm").wait_for(timeout=3 * LONG)
 
 
+@pytest.mark.slow
 def test_rivals_are_told_apart_by_the_experiment_that_the_app_plans(app, page, barrier, tmp_path):
     address, _ = app(barrier / "study.toml")
     page.goto(address)

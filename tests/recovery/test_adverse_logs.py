@@ -72,8 +72,9 @@ def test_a_loss_that_grows_in_time_is_no_warm_up(tmp_path):
     assert (first, last, found) == ("unexplained", "unexplained", []), shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [
-    pytest.param("outside_digital:load_speed:2.4:12001", marks=pytest.mark.slow), "outside_digital:tide:2.4:12000"])
+    "outside_digital:load_speed:2.4:12001", "outside_digital:tide:2.4:12000"])
 def test_a_law_of_another_kind_is_no_viscosity_with_an_asymmetry_and_no_preload(case, tmp_path):
     """One over the load does as well as the asymmetry; what ebbs in time leaves more than the preload takes."""
     first, last, found, shown = hidden(case, tmp_path)
@@ -126,12 +127,14 @@ def test_less_than_a_sample_of_delay_is_not_nothing_although_it_has_no_name(tmp_
     assert "over within a few samples" in said and "time_delay at torque" in said and "record faster" in said
 
 
+@pytest.mark.slow
 def test_a_spring_is_named_where_no_two_effects_do_as_well_and_what_is_over_at_once_is_not_counted(tmp_path):
     """A hysteresis that was over between two samples, at two places, made them too many for a name."""
     first, last, found, said = hidden("load_model:joint_spring:1.7:72000", tmp_path)
     assert (first, last, found) == ("missing_effect", "nothing_missing", [("joint_spring", "knee")]), said
 
 
+@pytest.mark.slow
 def test_one_of_many_that_do_equally_well_is_no_name(tmp_path, monkeypatch):
     """An offset of the reference, under loads that hardly change, does what a gain and two others do.
 
@@ -152,8 +155,8 @@ def test_one_of_many_that_do_equally_well_is_no_name(tmp_path, monkeypatch):
     assert f"pycosim add STUDY {'@'.join(best.key)}" in told[1] and result.first.unexplained is None
 
 
-@pytest.mark.parametrize("case", [
-    "digital:presliding:1.7:10200", pytest.param("outliers_01:presliding:1.3:12401", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["digital:presliding:1.7:10200", "outliers_01:presliding:1.3:12401"])
 def test_a_travel_at_one_stage_is_not_what_the_machine_has_everywhere(case, tmp_path):
     """Of about the length that the rig's friction builds up over at each of its segments."""
     first, last, found, shown = hidden(case, tmp_path)
@@ -181,13 +184,14 @@ def test_a_breakaway_that_grows_at_rest_is_found_at_its_place(tmp_path):
     assert (first, last, found) == ("missing_effect", "nothing_missing", [("dwell", "1A")]), shown
 
 
-@pytest.mark.parametrize("case", [
-    pytest.param("outside:wear:1.3:8500", marks=pytest.mark.slow), "outside_gait:wear:2.4:5705"])
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["outside:wear:1.3:8500", "outside_gait:wear:2.4:5705"])
 def test_a_friction_that_grows_with_the_way_is_no_memory_that_is_never_lost(case, tmp_path):
     first, _, found, shown = hidden(case, tmp_path)
     assert first == "unexplained" and not found, shown
 
 
+@pytest.mark.slow
 def test_a_held_out_run_that_is_noisier_than_the_others_refuses_nothing(tmp_path):
     _, last, found, shown = hidden("one_noisy:torque_saturation:2.4:5700", tmp_path)
     assert found == [("torque_saturation", "motor1+motor2")] and last == "nothing_missing", shown
@@ -269,6 +273,7 @@ def test_offsets_that_bring_passes_into_the_quieter_branch_are_not_what_is_missi
     assert (first, last, found) == ("missing_effect", "unexplained", [("configuration_preload", "1B+2B")]), shown
 
 
+@pytest.mark.slow
 def test_two_effects_are_looked_for_in_the_place_of_one_of_one_coefficient(tmp_path):
     """A saturation of both motors did most of what a law of the load and a wrong centre of mass do."""
     found = pc.open(make("reference_centre:load_nonlinearity:1.3:60026", tmp_path, quick=True)).fit().diagnose()

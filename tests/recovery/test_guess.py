@@ -4,6 +4,8 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects import machine as rig
 from pycosim.cli.entry import main
@@ -13,6 +15,7 @@ from pycosim.study.write import write_study
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 
 
+@pytest.mark.slow
 def test_a_guess_is_written_marked_as_one_and_lowers_the_error_as_an_effect(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     case = cases.Case("outside", ("bump",), 4)

@@ -35,6 +35,7 @@ def dataset(tmp_path_factory):
     return Dataset(load_study(STUDY).with_data([path]), Library())
 
 
+@pytest.mark.slow
 def test_both_are_found_and_nothing_else(dataset):
     found = improve(dataset)
     assert {s.added for s in found.steps[1:]} == set(TRUE)

@@ -28,8 +28,8 @@ def graph():
 def test_it_is_what_casadi_says_of_each_sample(numbers, block):
     f = graph()
     given = [float(v[0]) if k in numbers else v for k, v in enumerate(VALUES)]
-    known = np.array([[float(v) for v in np.array(f(*(v if k in numbers else v[i] for k, v in enumerate(given)))).ravel()]
-                      for i in range(N)]).T
+    samples = [[v if k in numbers else v[i] for k, v in enumerate(given)] for i in range(N)]
+    known = np.array([np.array(f(*sample), dtype=float).ravel() for sample in samples]).T
     function = ArrayFunction(f)
     found = np.empty((function.rows, N))
     for where, rows in function.blocks(given, N, block):

@@ -279,6 +279,7 @@ def test_currents_degrees_and_milliseconds_give_the_same_parameters(ending, log,
 
 
 @pytest.mark.long
+@pytest.mark.slow
 def test_irregular_samples_and_drop_outs_give_nearly_the_same_parameters(log, here):
     whole = pd.read_csv(log)
     keep = np.random.default_rng(4).random(len(whole)) > 0.2

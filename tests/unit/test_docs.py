@@ -35,6 +35,7 @@ def test_example_runs(page, number, code, hidden, tmp_path, monkeypatch, capsys)
 # --- tutorials: an empty folder, the sources beside it, and the page from top to bottom ------------------------------
 
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+OF_MINUTES = ("missing-effect", "verdicts")  # in the slow tier; the notebook of the first goes the same way
 BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```', re.S | re.M)
 INSTALLED = "python3 -m venv", ".venv/bin/pip"  # what a test environment has already
 ALIKE = 0.03  # of a number: what another processor may change, and less than a change of the program would
@@ -66,7 +67,8 @@ def shown(line, output):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", TUTORIALS, ids=lambda p: p.stem)
+@pytest.mark.parametrize("page", [
+    pytest.param(p, id=p.stem, marks=pytest.mark.slow if p.stem in OF_MINUTES else ()) for p in TUTORIALS])
 def test_tutorial_does_what_it_says(page, tmp_path):
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     output = ""
