@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg.lapack import dtbtrs
 from scipy.optimize import minimize
 
-BLOCKS = 2500  # means at least that the memory of the noise is estimated from, and twice as many at most
+BLOCKS = 2500  # means that the memory of the noise is estimated from, where a log holds them, and up to twice as many
 _GOLDEN = (math.sqrt(5) - 1) / 2
 LONGEST = 32  # samples of one mean at most
 STRETCHES = 5.0
@@ -329,10 +329,11 @@ def fit_noise(residual, chain, absorbed=None):
     """
     absorbed = np.zeros((0, len(residual))) if absorbed is None else absorbed
     (means, found), *proved = _told(residual, absorbed, chain)
-    for _, other in proved:
-        between = math.sqrt(np.mean(np.diff(residual)[chain.gaps[1:] == means.step] ** 2) / 2)  # at least what is white
-        return replace(other, white=max(other.white, min(found.white, between)))
-    return found
+    if not proved:
+        return found
+    (_, other), = proved
+    between = math.sqrt(np.mean(np.diff(residual)[chain.gaps[1:] == means.step] ** 2) / 2)  # at least what is white
+    return replace(other, white=max(other.white, min(found.white, between)))
 
 
 def likelier(residual, chain, absorbed, columns):

@@ -98,6 +98,10 @@ class Scores:
         few = slice(None, None, self.few)
         return [rows @ rows.T for rows in (self._rows(c, few) for c in range(len(self.weights)))]
 
+    def _of_all(self, moments):
+        """Moments of all channels together, in the weights of the fit."""
+        return sum(w ** 2 * g for w, g in zip(self.weights, moments))
+
     def _noise(self):
         """Noise of each channel beside the few columns that explain most: a missing effect is not noise.
 
@@ -107,7 +111,7 @@ class Scores:
         """
         slopes = [w * s for w, s in zip(self.weights, self.table.slope)]
         root = least_squares.orthonormal(least_squares.invert(sum(s @ s.T for s in slopes))[0])
-        without, *more = self._path(sum(w ** 2 * g for w, g in zip(self.weights, self._thin_moments())), 0.02)
+        without, *more = self._path(self._of_all(self._thin_moments()), 0.02)
         best = more[-1] if any(self._beyond_chance(beta) for beta in more) else without
         self.noise = [fit_noise(r, self.table.chain, root @ s) for r, s in zip(self._left_by(best), slopes)]
 
@@ -167,7 +171,8 @@ class Scores:
     def _whiten(self):
         """Moments of the whitened columns; the residual's spread fixes their scale."""
         t = self.table
-        self.thin, self.of_all = self._thin_moments(), None
+        self.thin = self._thin_moments()
+        self.together = self._of_all(self.thin)
         self.gram, self.frame = np.zeros_like(self.thin[0]), []
         self.beside_rounding = np.zeros((len(self.gram) - 1, len(self.rounded[0])))
         for c, noise in enumerate(self.noise):
@@ -212,12 +217,6 @@ class Scores:
         return {c: float(np.sqrt(max(error[c] ** 2 - (before - after), 0.0)))
                 for c, before, after in zip(self.table.channels, self._mean_squares(candidate, ()), left)}
 
-    def _weighted(self):
-        """Moments of the rows of all channels together, in the weights of the fit."""
-        if self.of_all is None or self.of_all.shape != self.thin[0].shape:
-            self.of_all = sum(w ** 2 * g for w, g in zip(self.weights, self.thin))
-        return self.of_all
-
     def _mean_squares(self, candidate, coefficients):
         """Mean square of each channel of the table, with a candidate's coefficients."""
         p = self.p
@@ -226,8 +225,7 @@ class Scores:
         for b, part in zip(coefficients, candidate.parts):
             y[p + np.array(part)] -= b
         if p:
-            total = self._weighted()[:p]
-            y[:p] = -bounded(total[:, :p], total @ y, *self._bounds())[1]
+            y[:p] = -bounded(self.together[:p, :p], self.together[:p] @ y, *self._bounds())[1]
         samples = len(range(0, len(self.table.time), self.few))
         return [max(y @ g @ y, 0.0) / samples for g in self.thin]
 
@@ -246,7 +244,7 @@ class Scores:
         float
             As a part of the error of all channels together.
         """
-        total, base = self._weighted(), np.arange(self.p)
+        total, base = self.together, np.arange(self.p)
         rows = self.p + np.array(candidate.parts[0])
         cross = total[np.ix_(base, rows)].sum(1)
         own = total[np.ix_(rows, rows)].sum() - cross @ least_squares.invert(total[:self.p, :self.p])[0] @ cross
@@ -349,6 +347,7 @@ class Scores:
                           raw @ new[:, c, few].T))
         self.gram = _grown(self.gram, sum(p[0] for p in parts), sum(p[1] for p in parts), self.p)
         self.thin = [_grown(g, p[2], p[3], self.p) for g, p in zip(self.thin, parts)]
+        self.together = self._of_all(self.thin)
 
     def _remember_rounding(self, channel, known, white):
         """Moments of rounding with columns that came after the others."""

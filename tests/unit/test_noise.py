@@ -165,7 +165,7 @@ def test_a_column_makes_noise_alone_likelier_by_half_a_chi_squared(slow, memory)
         chain, column = chained(time, np.zeros(2000), True), np.sin(2 * np.pi * rng.uniform(0.1, 1.0) * time)
         found.append(2 * likelier(noise, chain, np.ones((1, 2000)), column[None]))
     assert np.median(found) == pytest.approx(0.455, rel=0.6)  # of chi-squared with one degree of freedom
-    assert 0 <= np.count_nonzero(np.array(found) > 3.84) <= 6  # 2 of 40 expected; more than 6 once in 200
+    assert np.count_nonzero(np.array(found) > 3.84) <= 6  # 2 of 40 expected; more than 6 once in 300
 
 
 def test_a_column_that_is_there_makes_samples_likelier_by_what_it_explains():
