@@ -146,6 +146,7 @@ def test_work_begun_in_one_tab_is_followed_and_given_up_in_another(app, page, br
         other.context.close()
 
 
+@pytest.mark.slow
 def test_parameters_plan_and_report_are_shown(app, page, study):
     address, folder = app(study)
     page.goto(address)

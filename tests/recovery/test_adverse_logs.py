@@ -41,6 +41,7 @@ def test_an_effect_that_one_part_of_the_log_alone_tells_is_not_behind_one_that_s
     assert first == "missing_effect" and found[0] == ("torque_constant", "motor"), shown
 
 
+@pytest.mark.slow
 def test_what_is_the_same_as_the_best_is_named_with_it_however_low_its_score(tmp_path):
     """The base model takes the loss for small that the asymmetry is a share of: its score is half of the offset's."""
     study = make("motor_encoders:direction_asymmetry:2.4:2800", tmp_path, quick=True)
@@ -67,6 +68,7 @@ def test_a_delay_of_few_samples_or_behind_spikes_is_no_friction_that_lags(case, 
     assert 0 < low < true < high and found.last.verdict == "nothing_missing", (low, high)
 
 
+@pytest.mark.slow
 def test_a_loss_that_grows_in_time_is_no_warm_up(tmp_path):
     first, last, found, shown = hidden("outside_gait:wear:1.3:5101", tmp_path)
     assert (first, last, found) == ("unexplained", "unexplained", []), shown
@@ -86,6 +88,7 @@ def test_slow_noise_of_a_sensor_in_ordinary_motion_is_not_what_is_missing(tmp_pa
     assert (first, last, found) == ("nothing_missing", "nothing_missing", []), shown
 
 
+@pytest.mark.slow
 def test_the_friction_of_a_mesh_is_no_noise(tmp_path):
     """Sixteen cycles a radian, with another sign each way: no torque ripple, and as fast as noise within a pass."""
     found = pc.open(make("outside_gait:gear_mesh:1.7:12012", tmp_path, quick=True)).improve()
@@ -110,6 +113,7 @@ def test_two_effects_that_do_what_a_spring_does_leave_it_no_name(case, error, ex
     assert experiment in said
 
 
+@pytest.mark.slow
 def test_two_constant_torques_that_any_two_offsets_explain_are_told_as_pairs(tmp_path):
     """An offset of a motor beside one of the reference was an asymmetry, and something that nobody knew."""
     found = pc.open(make("reference_offset:torque_offset:1.7:222001", tmp_path, quick=True)).fit().diagnose()
@@ -164,8 +168,9 @@ def test_a_travel_at_one_stage_is_not_what_the_machine_has_everywhere(case, tmp_
     assert (first, last, found) == ("missing_effect", "nothing_missing", [("presliding", place)]), shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [
-    pytest.param("outside:friction_lag:1.3:14006", marks=pytest.mark.slow), "outside_gait:friction_lag:2.4:8102"])
+    "outside:friction_lag:1.3:14006", "outside_gait:friction_lag:2.4:8102"])
 def test_a_friction_that_lags_at_one_segment_is_no_delay_of_the_torque(case, tmp_path):
     first, last, found, shown = hidden(case, tmp_path)
     place = "1A" if ":14006" in case else "2A"
@@ -208,6 +213,7 @@ def test_a_reference_two_percent_off_is_found_beside_an_effect_and_its_alternati
     assert line.startswith("These data cannot tell it from") and all(f"{e} at {p}" in line for e, p in gain[1:])
 
 
+@pytest.mark.slow
 def test_a_delay_that_shows_in_slow_samples_alone_is_found_in_three_passes(tmp_path):
     found = pc.open(make("short:time_delay:2.4:3201", tmp_path, quick=True)).improve()
     assert [step.added for step in found.steps] == [None, "time_delay@torque"]
@@ -243,7 +249,8 @@ def test_a_ripple_is_found_beside_a_wrong_mass_of_the_reference(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "effect"), [
-    ("motor_encoders:time_delay:2.4:10218", "time_delay@torque"),  # it shows below the usual least speed alone
+    # it shows below the usual least speed alone
+    pytest.param("motor_encoders:time_delay:2.4:10218", "time_delay@torque", marks=pytest.mark.slow),
     pytest.param("reference_mass:time_delay:1.7:10200", "time_delay@torque", marks=pytest.mark.slow),
     ("geared:torque_offset:2.4:10202", "torque_offset@motor")])  # rivals differ in branches where loads are nothing
 def test_what_slow_samples_and_samples_without_load_tell(name, effect, tmp_path):

@@ -36,6 +36,7 @@ def test_a_guess_is_written_marked_as_one_and_lowers_the_error_as_an_effect(tmp_
     assert all(steps[1]["held_out_error"][c] < 0.6 * steps[0]["held_out_error"][c] for c in ("C_H", "C_K"))
 
 
+@pytest.mark.slow
 def test_every_candidate_has_a_card_and_the_log_says_what_it_could_have_shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     case = cases.Case("one", ("stribeck",), 0)

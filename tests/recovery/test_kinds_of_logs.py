@@ -73,7 +73,8 @@ def test_a_stribeck_effect_is_found_without_torque_reference(tmp_path, seed):
     check(paired(tmp_path, seed, ("stribeck", "2A")), ("stribeck", "2A"))
 
 
-@pytest.mark.parametrize("seed", seeds(3, 5, 6))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", (3, 5, 6))
 def test_an_effect_of_the_load_is_found_without_torque_reference(tmp_path, seed):
     check(paired(tmp_path, seed, ("load_nonlinearity", "1A")), ("load_nonlinearity", "1A"))
 
@@ -84,7 +85,8 @@ def test_nothing_is_missing_without_torque_reference(tmp_path, seed):
     assert result.first.verdict == "nothing_missing" and not told(result), summary(result)
 
 
-@pytest.mark.parametrize("seed", seeds(5, 3, 6, 7))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", (5, 3, 6, 7))
 def test_an_effect_of_the_load_is_found_in_runs_of_different_loads(tmp_path, seed):
     check(loaded(tmp_path, seed, ("load_nonlinearity", "1A")), ("load_nonlinearity", "1A"))
 
@@ -118,8 +120,9 @@ def test_torques_that_come_late_by_ten_samples_are_a_delay_and_nothing_else(tmp_
     assert 0.045 < delay["value"] < 0.055 and delay["ci95"][0] < 0.05 < delay["ci95"][1], delay
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [
-    "lag_current:none::921", pytest.param("lag_current:thermal_drift:1.3:910", marks=pytest.mark.slow)])
+    "lag_current:none::921", "lag_current:thermal_drift:1.3:910"])
 def test_what_a_filter_makes_of_a_start_is_no_hysteresis(case, tmp_path):
     """What the torque was at rest and in the first motion is not known: an inverse of the filter is off there."""
     result = search.improve(Dataset(load_study(make(case, tmp_path, quick=True)), Library()))
@@ -132,6 +135,7 @@ def test_what_a_filter_makes_of_a_start_is_no_hysteresis(case, tmp_path):
     assert low < constant and high > held
 
 
+@pytest.mark.slow
 def test_an_offset_of_the_reference_is_no_asymmetry_that_a_bound_holds(tmp_path):
     study = make("mistake:reference_zero_offset:1:960", tmp_path, quick=True)
     result = search.improve(Dataset(load_study(study), Library()))

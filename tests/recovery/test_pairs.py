@@ -82,6 +82,7 @@ def test_an_effect_that_stands_in_for_another_is_replaced(dataset):
     assert revised[-1].finding.predicted_error and not revised[1].finding.predicted_error, "it came from another model"
 
 
+@pytest.mark.slow
 def test_what_was_chosen_rightly_stays(dataset):
     steps = ladder(dataset, TRUE)
     assert _revised(dataset, steps, steps[-1].fit.noise, 0, None) is None
@@ -122,6 +123,7 @@ def test_two_that_nothing_speaks_against_stay(dataset):
     assert _exchanged(dataset, steps, steps[-1].fit.noise, 0, None) is None
 
 
+@pytest.mark.slow
 def test_two_do_not_replace_one_that_is_better_beside_one_of_them(dataset, monkeypatch):
     """Two gains of the reference do better than a payload alone, where a friction is missing too."""
     base, one = ladder(dataset, TRUE[1:])

@@ -59,6 +59,7 @@ def test_every_study_is_a_row_and_one_that_fails_too(studies, tmp_path, where):
     assert told[-1] == "3 of 3 studies done, 1 failed"
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_a_study_is_improved_as_the_verb_does(hidden, tmp_path):
     row = batch.improve_one(str(hidden / "study.toml"), str(tmp_path / "out"), bare=True)

@@ -133,6 +133,7 @@ def test_diagnose_prints_its_json_and_nothing_else(log, here, capsys):
     check_errors(best["held_out_error"])
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_add_without_a_place_takes_the_best(log, here, capsys):
     run("add", STUDY, "viscous", "--data", log)

@@ -223,6 +223,7 @@ def test_logs_of_one_motion_are_not_the_same_and_parts_of_one_log_are(noise, ste
         assert first == at and shared(one, part)[0][0] == at
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_a_fitted_model_is_confirmed_with_its_own_values(told):
     folder, old, new, _ = told

@@ -20,10 +20,14 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / n for n in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted((ROOT / "docs").rglob("*.md"))
 EXAMPLES = [(page, k, code) for page in PAGES
             for k, code in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S))]
+OF_MINUTES = ("missing-effect", "verdicts", "many-studies")
+"""In the slow tier; a notebook goes the same way as the first."""
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page, number, code", EXAMPLES, ids=[f"{page.stem}-{k}" for page, k, _ in EXAMPLES])
+@pytest.mark.parametrize("page, number, code", [
+    pytest.param(page, k, code, id=f"{page.stem}-{k}", marks=pytest.mark.slow if page.stem in OF_MINUTES else ())
+    for page, k, code in EXAMPLES])
 def test_example_runs(page, number, code, hidden, tmp_path, monkeypatch, capsys):
     for name in ("study.toml", "run.csv"):
         (tmp_path / name).write_bytes((hidden / name).read_bytes())
@@ -35,7 +39,6 @@ def test_example_runs(page, number, code, hidden, tmp_path, monkeypatch, capsys)
 # --- tutorials: an empty folder, the sources beside it, and the page from top to bottom ------------------------------
 
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-OF_MINUTES = ("missing-effect", "verdicts")  # in the slow tier; the notebook of the first goes the same way
 BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```', re.S | re.M)
 INSTALLED = "python3 -m venv", ".venv/bin/pip"  # what a test environment has already
 ALIKE = 0.03  # of a number: what another processor may change, and less than a change of the program would

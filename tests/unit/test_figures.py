@@ -131,7 +131,7 @@ def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
     assert all(f">{number(v)} N.m</text>" in drawing for v in error.values()) and len(error) == 2
 
 
-@pytest.mark.parametrize("ends", [pytest.param(False, marks=pytest.mark.long), True])
+@pytest.mark.parametrize("ends", [pytest.param(False, marks=[pytest.mark.long, pytest.mark.slow]), True])
 def test_figures_of_another_process_are_the_same_also_when_it_ends(dataset, improvement, tmp_path, monkeypatch, ends):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     steps = [(s.model, s.fit) for s in improvement.steps]

@@ -90,6 +90,7 @@ class Stages:
         self.heard.append(f"early: {text}")
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_a_project_tells_it_before_the_check_and_a_diagnosis_of_the_same_fit_does_not_again(hidden):
     say = Stages()
