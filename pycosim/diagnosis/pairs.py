@@ -19,7 +19,7 @@ from .finding import Finding
 from .rivals import SEPARATE, alike, behind, by_kind
 from .scores import LEVEL, Scores
 from .table import Table
-from .trials import TRIAL, holds_nothing, measure, nudged, start_of
+from .trials import TRIAL, holds_nothing, measure, no_effect, nudged, start_of
 
 APART = 0.02
 """Of what one effect changes, that must be left beside the other: two that are nearly one have no size of their own."""
@@ -113,7 +113,7 @@ def fitted(dataset, base, keys, fit, seed, progress):
     alone = select(here, without, lacking, scores.single)
     found = _refitted(here, without, lacking, lacking, likely(scores, REFITS), scores.single, alone, progress)
     _tell(scores, table, alone, found)
-    return [p for p in found if _certain(p)]
+    return [p for p in found if _certain(here, p)]
 
 
 def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
@@ -165,7 +165,7 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
         table = Table(here, without, lacking)
         _tell(Scores(table, seed), table, alone, found)
         known = {}
-        for pair in filter(_certain, clear):
+        for pair in (p for p in clear if _certain(here, p)):
             for key in (k for k in pair.keys if k not in known):
                 start = {**pair.fit.parameters, **winner.fit.parameters}
                 known[key] = beside(here, larger, start, key, noise, alone)
@@ -224,9 +224,10 @@ def _refitted(here, without, start, lacking, some, noise, alone, progress):
     return found
 
 
-def _certain(pair):
-    """Whether both effects of a pair are more than chance, and no interval of theirs holds nothing."""
+def _certain(dataset, pair):
+    """Whether both effects of a pair are more than chance, with intervals without nothing, and not of samples' luck."""
     return all(f.p_value < LEVEL and not holds_nothing(pair.model, f, attached)
+               and no_effect(dataset, pair.model, pair.fit, attached) is None
                for f, attached in zip(pair.findings, pair.model.attached[-2:]))
 
 

@@ -189,7 +189,7 @@ def _refitted(dataset, model, fit, scores, some, base, table, say):
         if (found := next(results)) is not None:
             f.fit, f.selection = found
             measure(f, m, m.attached[-1], table)
-            f.refused = _no_effect(dataset, m, f.fit)
+            f.refused = no_effect(dataset, m, f.fit)
             yield f
 
 
@@ -284,45 +284,85 @@ def tried(sent, rig, keys, starts, noise, alone):
     return best, select(dataset, model, best, noise, alone)
 
 
-def _no_effect(dataset, model, fit):
+def no_effect(dataset, model, fit, attached=None):
     """Why what was fitted is no effect, in words; None where nothing speaks against it.
 
+    Parameters
+    ----------
+    dataset : Dataset
+        Its fit part was fitted.
+    model : Model
+        That was fitted.
+    fit : Fit
+        Of it.
+    attached : (Effect, Place), optional
+        The effect in question, one of the model's; by default the last.
+
+    Returns
+    -------
+    str or None
+
+    Notes
+    -----
     A filter that is done within half a sample, or a travel that is passed within two at the least speed, is what
     straight lines between samples miss: as much is left at a start where a torque was moved by a part of a sample.
     Where the rig's own travel is at work, one of about that length is no other.
     """
-    effect, place = attached = model.attached[-1]
+    effect, place = attached = attached or model.attached[-1]
     own = {kind: fit.parameters[f"{component_name(*attached)}.{c}"] for c, kind in effect.scan.items()}
     least = {"lag": _step(dataset) / 2, "travel": 2 * _step(dataset) * dataset.w_min}
-    if any(own[kind] < least[kind] for kind in own if kind in least) or _between(dataset, model, fit):
+    if any(own[kind] < least[kind] for kind in own if kind in least) or _between(dataset, model, fit, attached):
         return BETWEEN
     travels = [fit.parameters[f"{c}.travel"] for c in place.components if f"{c}.travel" in fit.parameters]
     similar = own.get("travel", np.inf) < SIMILAR * max(travels, default=0.0)
     return OWN if similar and (dataset.own_travel or dataset.early is not None) else None
 
 
-def _between(dataset, model, fit):
+def _between(dataset, model, fit, attached):
     """Whether an effect acts in a few samples after a turn, where it may be what happens between two of them.
 
-    That is asked of a memory of friction beside a torque that was moved in time, and of a delay of less than a sample.
+    That is asked of a memory of friction beside a torque that was moved in time, and of a delay of a few samples. One
+    that is there takes something wherever the torque changes.
     """
-    effect, place = model.attached[-1]
+    effect, place = attached
     delayed = [fit.parameters[f"{component_name(effect, place)}.{c}"] for c, k in effect.scan.items() if k == "delay"]
-    if any(abs(d) < _step(dataset) for d in delayed):
-        most = HALF
-    elif effect_question(dataset.library, effect).states and any(e.channel for e, _ in model.attached[:-1]):
+    key = effect.id, place.name
+    others = [e for e, p in model.attached if (e.id, p.name) != key]
+    if delayed:
+        most = HALF if any(abs(d) < _step(dataset) for d in delayed) else 1.0
+    elif effect_question(dataset.library, effect).states and any(e.channel for e in others):
         most = MOSTLY
     else:
         return False
-    without = compile_model(dataset.library, model.rig, model.keys[:-1])
-    residuals = [dataset.residuals(m, names, fit.parameters, "fit").residual([fit.parameters[n] for n in names])
-                 for m in (model, without) for names in [[n for n in fit.free if n in m.parameters]]]
-    changed = ((residuals[0] - residuals[1]) ** 2 * fit.weights[:, None] ** 2).sum(0)
+    without = compile_model(dataset.library, model.rig, [k for k in model.keys if k != key])
+    problems = [dataset.residuals(m, [n for n in fit.free if n in m.parameters], fit.parameters, "fit")
+                for m in (without, model)]
+    before, after = (p.residual([fit.parameters[n] for n in p.free]) for p in problems)
+    changed = ((after - before) ** 2 * fit.weights[:, None] ** 2).sum(0)
+    turned = _turned(dataset)[dataset.picks("fit")[0][1]]
+    if changed[turned].sum() > most * changed.sum():
+        return True
+    return bool(delayed) and max(map(abs, delayed)) < FEW * _step(dataset) and not _elsewhere(
+        before, np.where(turned, 0.0, after - before), fit.noise, problems[1].chain)
+
+
+def _turned(dataset):
+    """Samples a few after a turn of any segment, and the last of a pass: a delay takes it from what comes after."""
     way, turned = np.sign(dataset.speeds), np.zeros(len(dataset.time), dtype=bool)
     for k in range(1, FEW + 1):
         turned[k:] |= np.any(way[:, k:] != way[:, :-k], axis=0) | (dataset.run[k:] != dataset.run[:-k])
-    turned[:-1] |= dataset.passes[1:] != dataset.passes[:-1]  # a delay takes the last of a pass from what comes after
-    return bool(changed[turned[dataset.picks("fit")[0][1]]].sum() > most * changed.sum())
+    turned[:-1] |= dataset.passes[1:] != dataset.passes[:-1]
+    return turned
+
+
+def _elsewhere(before, changed, noise, chain):
+    """Whether an effect takes something where it changes residuals; where it changes too little to tell, it may.
+
+    What is there takes the squares of what it changes, give or take twice their root in units of the noise.
+    """
+    pairs = [n.whiten(np.array(rows), chain) for n, *rows in zip(noise, before, changed)]
+    whole = sum(d @ d for _, d in pairs)
+    return sum(-(2 * r + d) @ d for r, d in pairs) >= min(0.0, whole - 4 * np.sqrt(whole))
 
 
 def _step(dataset):

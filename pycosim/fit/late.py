@@ -25,7 +25,6 @@ RULED = 6.0  # standard errors beyond which a delay is ruled out
 PART = 0.1  # of all squares, which no ruggedness is: far from the least one sample more changes them by many times that
 OUTWARD = (1, 1.5, 2, 2.5, 3, 4, 6, 8, 12, 16, 24, 32, REACH)  # samples off, at which that is asked
 CLOSE = 0.75  # samples from the delay that leaves least, within which a fit has mostly come to it
-HALF = 0.6  # of the squares, that a delay within that leaves where more than means between samples lower them
 ROUNDS = 5
 JUMP = 6.0 ** -0.5  # samples: standard deviation of the delay that a jump tells, which lies anywhere between two
 FAR = 6.0  # standard deviations, as which samples count that are further out, in a robust study
@@ -112,8 +111,7 @@ def found(dataset, model, fit, names, part, known, again):
 
 def _far(profile, delay):
     """Whether a fit has not come to a delay that leaves less; between two samples means lower the noise."""
-    return (abs(delay - profile.at) > CLOSE * profile.step
-            or profile.left(delay) < HALF * profile.left(profile.at))
+    return abs(delay - profile.at) > CLOSE * profile.step or profile.left(delay) < profile.left(profile.at) - profile.sure
 
 
 def endless(fit):
@@ -200,6 +198,11 @@ class Profile:
                 self._known[delay] = float(r @ r - fall)
         return self._known[delay]
 
+    @property
+    def sure(self):
+        """By how much squares differ that noise and ruggedness do not explain."""
+        return PRESSED + 2 * self._smoothed()[2]
+
     def _smoothed(self):
         """Delays round that of the fit, what they leave, that without its ruggedness, and the ruggedness."""
         some = self.at + self.step / 2 * np.arange(-2 * NEAR - 2, 2 * NEAR + 3)
@@ -233,8 +236,8 @@ class Profile:
         (float, float)
             [s]
         """
-        some, left, rugged = self._smoothed()
-        inside = some[left <= np.min(left, initial=np.inf) + PRESSED + 2 * rugged]
+        some, left, _ = self._smoothed()
+        inside = some[left <= np.min(left, initial=np.inf) + self.sure]
         least = stdtrit(self.fit.dof, 0.975) * JUMP * self.step / np.sqrt(self.turns) if self.turns else 0.0
         return float(min(self.at - least, *inside[:1])), float(max(self.at + least, *inside[-1:]))
 
