@@ -10,7 +10,7 @@ from benchmarks.real_logs.make import GEARED, make
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.data.torques import held_back
-from pycosim.diagnosis.trials import BETWEEN, _no_effect
+from pycosim.diagnosis.trials import BETWEEN, no_effect
 from pycosim.dynamics.delays import Clock, Record, undo
 from pycosim.dynamics.filters import first_order
 from pycosim.dynamics.simulate import estimate
@@ -236,7 +236,7 @@ def test_a_memory_beside_a_delay_is_judged_without_a_torque_reference_too(effect
     dataset = Dataset(load_study(make("unpaired:viscous:1.7:8900", tmp_path, quick=True)), Library())
     model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque"), (effect, "1A")])
     fit = least_squares.fit(dataset, model)
-    assert dataset.paired and _no_effect(dataset, model, fit) in (None, BETWEEN)
+    assert dataset.paired and no_effect(dataset, model, fit) in (None, BETWEEN)
 
 
 @pytest.mark.parametrize("swing, refused", [(0.0, BETWEEN), (3.0, None)])
@@ -253,7 +253,7 @@ def test_a_delay_of_less_than_a_sample_that_acts_at_turns_is_what_happens_betwee
     dataset = Dataset(load_study(tmp_path / "study.toml"), Library())
     model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque")])
     fit = least_squares.fit(dataset, model, {"time_delay_torque.d": 0.014}, held=["time_delay_torque.d"])
-    assert _no_effect(dataset, model, fit) == refused
+    assert no_effect(dataset, model, fit) == refused
 
 
 def test_a_study_whose_effect_moves_the_motion_can_be_opened(tmp_path):
