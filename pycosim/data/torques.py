@@ -27,6 +27,7 @@ LEAST, NODE = 1e-4, 1.1  # s, least time constant of a filter that is a node, an
 KEPT = 6  # nodes
 LAGS = np.geomspace(0.002, 0.3, 16)  # s, of filters that are tried on a start
 TRAVELS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # over the model's own, that friction may build up over at a start
+LEAVES = 2.0  # times the noise of a torque's record, that it may be off what the motion predicts to be moved by that
 QUIET = 0.2  # of the noise of a torque's record, that what the motion predicts of it may have to be moved in its place
 SHARE = 0.2  # of a pass that may be left to what happens at its ends
 LEVEL = np.array([-0.1, 0.4, 0.4, 0.4, -0.1])
@@ -345,7 +346,8 @@ def calm(dataset, name, delay, moved):
 
     The prediction is made of the record as moved: as recorded, a late torque belongs to no motion where that changes.
     Straight lines between samples take noise away, and the noise of the accelerations is in the prediction: where it is
-    not far quieter than the record, as behind coarse encoders, the record is moved with its noise.
+    not far quieter than the record, as behind coarse encoders, the record is moved with its noise. So it is where the
+    motion does not tell the load, as of a leg that somebody moves: what is not predicted would stay where it is.
 
     Parameters
     ----------
@@ -371,12 +373,16 @@ def calm(dataset, name, delay, moved):
 
 
 def _quiet(dataset, name):
-    """Whether what the motion predicts of a torque has much less noise than its record."""
+    """Whether what the motion predicts of a torque has much less noise than its record, and leaves nothing but that."""
     inside = dataset.memo("torques.inside", lambda: _inside(dataset))
-    found = predicted(dataset, dataset.signals[name], dataset.moving & inside)
+    found, record = predicted(dataset, dataset.signals[name], dataset.moving & inside), dataset.signals[name]
     whole = sliding_window_view(inside, 5).all(1)  # no ends of passes
-    quick = [np.median(np.abs(np.diff(x, 4)[whole])) if whole.any() else 0.0 for x in (found, dataset.signals[name])]
-    return quick[0] <= QUIET * quick[1]
+    if not whole.any():
+        return True
+    bent = [np.diff(x, 4)[whole] for x in (found, record)]
+    quick = [np.median(np.abs(x)) for x in bent]
+    noise, left = np.sqrt(np.mean(bent[1] ** 2) / 70.0), (record - found)[dataset.moving & inside]
+    return quick[0] <= QUIET * quick[1] and np.sqrt(np.mean(left ** 2)) <= LEAVES * noise
 
 
 def _inside(dataset):

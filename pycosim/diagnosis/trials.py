@@ -29,6 +29,7 @@ for what straight lines between samples leave where a torque was moved by a part
 than a sample changes, from which on that is what happens between the last sample of one way and the next first. At
 50 Hz a friction that builds up over 0.2 mrad was a delay of 15 ms, 0.8 of it in those samples; of the shift of the ball
 screw EMPS, half a sample, nothing lies there."""
+RULED, SHOWN = 2.0, 3.0  # standard errors by which half of a delay is ruled out, and by which one is there
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -321,29 +322,52 @@ def no_effect(dataset, model, fit, attached=None):
 def _between(dataset, model, fit, attached):
     """Whether an effect acts in a few samples after a turn, where it may be what happens between two of them.
 
-    That is asked of a memory of friction beside a torque that was moved in time, and of a delay of a few samples. One
-    that is there takes something wherever the torque changes.
+    That is asked of a memory of friction beside a torque that was moved in time, and of a delay of a few samples.
     """
     effect, place = attached
-    delayed = [fit.parameters[f"{component_name(effect, place)}.{c}"] for c, k in effect.scan.items() if k == "delay"]
-    key = effect.id, place.name
-    others = [e for e, p in model.attached if (e.id, p.name) != key]
-    if delayed:
-        most = HALF if any(abs(d) < _step(dataset) for d in delayed) else 1.0
-    elif effect_question(dataset.library, effect).states and any(e.channel for e in others):
+    key, step = (effect.id, place.name), _step(dataset)
+    names = [f"{component_name(effect, place)}.{c}" for c, kind in effect.scan.items() if kind == "delay"]
+    if any(abs(fit.parameters[n]) < step for n in names):
+        most = HALF
+    elif effect_question(dataset.library, effect).states and any(
+            e.channel for e, p in model.attached if (e.id, p.name) != key):
         most = MOSTLY
     else:
+        most = 1.0
+    if most == 1.0 and not names:
         return False
-    without = compile_model(dataset.library, model.rig, [k for k in model.keys if k != key])
-    problems = [dataset.residuals(m, [n for n in fit.free if n in m.parameters], fit.parameters, "fit")
-                for m in (without, model)]
-    before, after = (p.residual([fit.parameters[n] for n in p.free]) for p in problems)
-    changed = ((after - before) ** 2 * fit.weights[:, None] ** 2).sum(0)
     turned = _turned(dataset)[dataset.picks("fit")[0][1]]
-    if changed[turned].sum() > most * changed.sum():
-        return True
-    return bool(delayed) and max(map(abs, delayed)) < FEW * _step(dataset) and not _elsewhere(
-        before, np.where(turned, 0.0, after - before), fit.noise, problems[1].chain)
+    without = compile_model(dataset.library, model.rig, [k for k in model.keys if k != key])
+    before, after = (dataset.residuals(m, free, fit.parameters, "fit").residual([fit.parameters[n] for n in free])
+                     for m in (without, model) for free in [[n for n in fit.free if n in m.parameters]])
+    changed = ((after - before) ** 2 * fit.weights[:, None] ** 2).sum(0)
+    return bool(changed[turned].sum() > most * changed.sum()) or any(
+        _not_elsewhere(dataset, model, fit, n, turned) for n in names if abs(fit.parameters[n]) < FEW * step)
+
+
+def _not_elsewhere(dataset, model, fit, name, turned):
+    """Whether samples without turns near rule out half of a delay, and show none.
+
+    They are asked for delays of whole samples: between two, means lower the noise.
+    """
+    problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
+    variable, step = fit.variables[name], _step(dataset)
+    shift = step * max(1, round(abs(fit.parameters[name]) / step)) * np.sign(fit.parameters[name])
+    if not variable.min < -abs(shift) < abs(shift) < variable.max:
+        return False
+
+    def left(delay):
+        values = np.where([n == name for n in fit.free], delay, fit.values)
+        residual = np.where(turned, 0.0, problem.residual(values))
+        return sum((n.whiten(r[None], problem.chain) ** 2).sum() for n, r in zip(fit.noise, residual))
+
+    behind, none, ahead = map(left, (-shift, 0.0, shift))
+    bend = (behind + ahead) / 2 - none  # half the second derivative, over one shift
+    if not bend > 0:
+        return False
+    best, spread = abs(shift) * (behind - ahead) / (4 * bend), abs(shift) / np.sqrt(bend)
+    half = abs(fit.parameters[name]) / 2
+    return bool(RULED * spread < half and best < min(SHOWN * spread, half - RULED * spread))
 
 
 def _turned(dataset):
@@ -353,16 +377,6 @@ def _turned(dataset):
         turned[k:] |= np.any(way[:, k:] != way[:, :-k], axis=0) | (dataset.run[k:] != dataset.run[:-k])
     turned[:-1] |= dataset.passes[1:] != dataset.passes[:-1]
     return turned
-
-
-def _elsewhere(before, changed, noise, chain):
-    """Whether an effect takes something where it changes residuals; where it changes too little to tell, it may.
-
-    What is there takes the squares of what it changes, give or take twice their root in units of the noise.
-    """
-    pairs = [n.whiten(np.array(rows), chain) for n, *rows in zip(noise, before, changed)]
-    whole = sum(d @ d for _, d in pairs)
-    return sum(-(2 * r + d) @ d for r, d in pairs) >= min(0.0, whole - 4 * np.sqrt(whole))
 
 
 def _step(dataset):

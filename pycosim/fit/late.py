@@ -111,7 +111,8 @@ def found(dataset, model, fit, names, part, known, again):
 
 def _far(profile, delay):
     """Whether a fit has not come to a delay that leaves less; between two samples means lower the noise."""
-    return abs(delay - profile.at) > CLOSE * profile.step or profile.left(delay) < profile.left(profile.at) - profile.sure
+    less = profile.left(profile.at) - profile.left(delay)
+    return abs(delay - profile.at) > CLOSE * profile.step or less > profile.sure
 
 
 def endless(fit):

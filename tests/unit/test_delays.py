@@ -15,6 +15,7 @@ from pycosim.dynamics.delays import Clock, Record, undo
 from pycosim.dynamics.filters import first_order
 from pycosim.dynamics.simulate import estimate
 from pycosim.fit import least_squares
+from pycosim.fit.late import Profile
 from pycosim.study.parse import load_study
 
 TIME = np.arange(0, 4, 0.01)
@@ -241,19 +242,64 @@ def test_a_memory_beside_a_delay_is_judged_without_a_torque_reference_too(effect
 
 @pytest.mark.parametrize("swing, refused", [(0.0, BETWEEN), (3.0, None)])
 def test_a_delay_of_less_than_a_sample_that_acts_at_turns_is_what_happens_between_two(swing, refused, tmp_path):
-    """Passes at even speed under no load, where it acts at turns alone, and under one that swings all along."""
+    """Passes at even speed under no load, where it acts at turns alone, and under one that swings all along, late."""
     time = np.arange(0, 48, 0.02)
     way = np.interp(time % 4, [0, 0.3, 0.34, 1.66, 1.7, 2.3, 2.34, 3.66, 3.7, 4], [0, 0, 1, 1, 0, 0, -1, -1, 0, 0])
-    load = swing * np.sin(2 * np.pi * time / 0.9)
+    load, late = (swing * np.sin(2 * np.pi * (time - d) / 0.9) for d in (0.0, 0.014))
     log = pd.DataFrame({"time": time, "theta": cumulative_trapezoid(2 * way, time, initial=0), "omega": 2 * way,
-                        "C": 15 * load, "tau": load + 0.3 * np.sign(way)})
-    log[["C", "tau"]] += np.random.default_rng(0).standard_normal((len(time), 2)) * (0.05, 0.005)
+                        "C": 50 * load, "tau": late + 0.3 * np.sign(way)})
+    log[["C", "tau"]] += np.random.default_rng(0).standard_normal((len(time), 2)) * (0.15, 0.005)
     log.to_csv(tmp_path / "log.csv", index=False)
     (tmp_path / "study.toml").write_text(GEARED.replace("runs = []", 'runs = ["log.csv"]'))
     dataset = Dataset(load_study(tmp_path / "study.toml"), Library())
     model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque")])
     fit = least_squares.fit(dataset, model, {"time_delay_torque.d": 0.014}, held=["time_delay_torque.d"])
     assert no_effect(dataset, model, fit) == refused
+
+
+@pytest.fixture(params=["delay", "travel"])
+def turning(request, tmp_path):
+    """A swing under a load of its own: with a torque 5.2 ms late, or friction that turns over in 6 ms."""
+    late, time = request.param == "delay", np.arange(0, 40, 0.00025)
+    way = 12.0 * np.sin(2 * np.pi * time / 0.9) + 5.0 * np.sin(2 * np.pi * time / 0.37)
+    load, friction = 1.5 * np.sin(2 * np.pi * time / 0.61), np.sign(way)
+    if not late:
+        friction = first_order(friction[None], 0.006, time, np.zeros(len(time)))[0][0]
+    tau = np.interp(time - 0.0052 * late, time, load + 0.3 * friction)
+    log = pd.DataFrame({"time": time, "theta": cumulative_trapezoid(way, time, initial=0), "omega": way,
+                        "C": 50 * load, "tau": tau})[::20]
+    log[["C", "tau"]] += np.random.default_rng(0).standard_normal((len(log), 2)) * (0.15, 0.005)
+    log.to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "study.toml").write_text(GEARED.replace("runs = []", 'runs = ["log.csv"]'))
+    return late, Dataset(load_study(tmp_path / "study.toml"), Library())
+
+
+def test_a_delay_that_samples_without_turns_rule_out_is_what_happens_at_turns(turning):
+    late, dataset = turning
+    model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque")])
+    fit = least_squares.fit(dataset, model)
+    assert fit.parameters["time_delay_torque.d"] == pytest.approx(0.005, abs=5e-4), "it looks late in either"
+    assert no_effect(dataset, model, fit) == (None if late else BETWEEN)
+
+
+def test_a_delay_under_a_load_that_the_motion_does_not_tell_is_found(turning):
+    late, dataset = turning
+    model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque")])
+    fit = least_squares.fit(dataset, model)
+    low, high = fit.interval("time_delay_torque.d")
+    assert not late or (low < 0.0052 < high and high - low < 0.002 and fit.error["C"] < 0.6)
+
+
+def test_a_delay_comes_to_what_leaves_least_from_wherever_it_starts(turning):
+    _, dataset = turning
+    model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque")])
+    name, known = "time_delay_torque.d", []
+    for start in (-0.005, 1e-4, 0.002, 0.005, 0.01):
+        fit = least_squares.fit(dataset, model, {name: start})
+        profile = Profile(dataset, model, fit, name, "fit", 0.005)
+        known.append(fit.parameters[name])
+        assert profile.left(profile.at) <= profile.left(profile.least()) + profile.sure
+    assert np.ptp(known) < 0.005
 
 
 def test_a_study_whose_effect_moves_the_motion_can_be_opened(tmp_path):
