@@ -29,7 +29,7 @@ for what straight lines between samples leave where a torque was moved by a part
 than a sample changes, from which on that is what happens between the last sample of one way and the next first. At
 50 Hz a friction that builds up over 0.2 mrad was a delay of 15 ms, 0.8 of it in those samples; of the shift of the ball
 screw EMPS, half a sample, nothing lies there."""
-RULED, SHOWN = 2.0, 3.0  # standard errors by which half of a delay is ruled out, and by which one is there
+RULED = 2.0  # standard errors by which half of a delay is ruled out
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -346,28 +346,19 @@ def _between(dataset, model, fit, attached):
 
 
 def _not_elsewhere(dataset, model, fit, name, turned):
-    """Whether samples without turns near rule out half of a delay, and show none.
+    """Whether samples without turns near say that no delay is likelier than half of it.
 
     They are asked for delays of whole samples: between two, means lower the noise.
     """
-    problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
-    variable, step = fit.variables[name], _step(dataset)
-    shift = step * max(1, round(abs(fit.parameters[name]) / step)) * np.sign(fit.parameters[name])
-    if not variable.min < -abs(shift) < abs(shift) < variable.max:
-        return False
+    problem, step = dataset.residuals(model, fit.free, fit.parameters, "fit"), _step(dataset)
 
-    def left(delay):
-        values = np.where([n == name for n in fit.free], delay, fit.values)
+    def left(samples):
+        values = np.where([n == name for n in fit.free], samples * step, fit.values)
         residual = np.where(turned, 0.0, problem.residual(values))
         return sum((n.whiten(r[None], problem.chain) ** 2).sum() for n, r in zip(fit.noise, residual))
 
-    behind, none, ahead = map(left, (-shift, 0.0, shift))
-    bend = (behind + ahead) / 2 - none  # half the second derivative, over one shift
-    if not bend > 0:
-        return False
-    best, spread = abs(shift) * (behind - ahead) / (4 * bend), abs(shift) / np.sqrt(bend)
-    half = abs(fit.parameters[name]) / 2
-    return bool(RULED * spread < half and best < min(SHOWN * spread, half - RULED * spread))
+    delay = fit.parameters[name]
+    return bool(left(0) + RULED ** 2 < left(np.sign(delay) * max(1, round(abs(delay) / (2 * step)))))
 
 
 def _turned(dataset):
