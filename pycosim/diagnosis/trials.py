@@ -14,7 +14,7 @@ from ..core.executors import in_turn
 from ..data.sent import Sent
 from ..fit import least_squares
 from ..fit.late import delays
-from .crossval import select
+from .crossval import difference, select
 from .finding import Finding
 from .rivals import ALIKE, behind, twins
 from .scores import LEVEL, PRESSED
@@ -29,7 +29,9 @@ for what straight lines between samples leave where a torque was moved by a part
 than a sample changes, from which on that is what happens between the last sample of one way and the next first. At
 50 Hz a friction that builds up over 0.2 mrad was a delay of 15 ms, 0.8 of it in those samples; of the shift of the ball
 screw EMPS, half a sample, nothing lies there."""
-RULED = 2.0  # standard errors by which half of a delay is ruled out
+RULED, BACK = 2.0, 0.1
+"""Standard errors, and part of what a delay takes next to turns, that it may give back elsewhere. True ones of more
+than half a sample took something there, or gave back 0.03; two of half a sample gave back 0.3 and 0.9."""
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -342,23 +344,22 @@ def _between(dataset, model, fit, attached):
                      for m in (without, model) for free in [[n for n in fit.free if n in m.parameters]])
     changed = ((after - before) ** 2 * fit.weights[:, None] ** 2).sum(0)
     return bool(changed[turned].sum() > most * changed.sum()) or any(
-        _not_elsewhere(dataset, model, fit, n, turned) for n in names if abs(fit.parameters[n]) < FEW * step)
+        _given_back(dataset, model, fit, n, turned) for n in names if abs(fit.parameters[n]) < FEW * step)
 
 
-def _not_elsewhere(dataset, model, fit, name, turned):
-    """Whether samples without turns near say that no delay is likelier than half of it.
+def _given_back(dataset, model, fit, name, turned):
+    """Whether a delay gives back elsewhere a part of what it takes next to turns, and more than chance.
 
-    They are asked for delays of whole samples: between two, means lower the noise.
+    A true one takes something wherever the torque changes. It is asked at whole samples: between two, means lower the
+    noise.
     """
     problem, step = dataset.residuals(model, fit.free, fit.parameters, "fit"), _step(dataset)
-
-    def left(samples):
-        values = np.where([n == name for n in fit.free], samples * step, fit.values)
-        residual = np.where(turned, 0.0, problem.residual(values))
-        return sum((n.whiten(r[None], problem.chain) ** 2).sum() for n, r in zip(fit.noise, residual))
-
-    delay = fit.parameters[name]
-    return bool(left(0) + RULED ** 2 < left(np.sign(delay) * max(1, round(abs(delay) / (2 * step)))))
+    whole = np.sign(fit.parameters[name]) * max(1, round(abs(fit.parameters[name]) / step)) * step
+    values = [np.where([n == name for n in fit.free], d, fit.values) for d in (0.0, whole)]
+    none, late = (((fit.weights[:, None] * problem.residual(v)) ** 2).sum(0) for v in values)
+    blocks = np.unique(problem.block, return_inverse=True)[1]
+    back, spread = difference(*(np.bincount(blocks, np.where(turned, 0.0, left)) for left in (late, none)))
+    return bool(back > max(RULED * spread, BACK * (none - late)[turned].sum()))
 
 
 def _turned(dataset):
