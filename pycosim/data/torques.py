@@ -27,7 +27,7 @@ LEAST, NODE = 1e-4, 1.1  # s, least time constant of a filter that is a node, an
 KEPT = 6  # nodes
 LAGS = np.geomspace(0.002, 0.3, 16)  # s, of filters that are tried on a start
 TRAVELS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # over the model's own, that friction may build up over at a start
-LEAVES = 2.0  # times the noise of a torque's record, that it may be off what the motion predicts to be moved by that
+LEAVES = 0.1  # of a torque's variance, that the motion may leave of what is moved in the record's place
 QUIET = 0.2  # of the noise of a torque's record, that what the motion predicts of it may have to be moved in its place
 SHARE = 0.2  # of a pass that may be left to what happens at its ends
 LEVEL = np.array([-0.1, 0.4, 0.4, 0.4, -0.1])
@@ -373,16 +373,14 @@ def calm(dataset, name, delay, moved):
 
 
 def _quiet(dataset, name):
-    """Whether what the motion predicts of a torque has much less noise than its record, and leaves nothing but that."""
-    inside = dataset.memo("torques.inside", lambda: _inside(dataset))
-    found, record = predicted(dataset, dataset.signals[name], dataset.moving & inside), dataset.signals[name]
+    """Whether what the motion predicts of a torque has much less noise than its record, and changes as that does."""
+    inside, record = dataset.memo("torques.inside", lambda: _inside(dataset)), dataset.signals[name]
+    found = predicted(dataset, record, dataset.moving & inside)
     whole = sliding_window_view(inside, 5).all(1)  # no ends of passes
-    if not whole.any():
-        return True
-    bent = [np.diff(x, 4)[whole] for x in (found, record)]
-    quick = [np.median(np.abs(x)) for x in bent]
-    noise, left = np.sqrt(np.mean(bent[1] ** 2) / 70.0), (record - found)[dataset.moving & inside]
-    return quick[0] <= QUIET * quick[1] and np.sqrt(np.mean(left ** 2)) <= LEAVES * noise
+    quick = [np.median(np.abs(np.diff(x, 4)[whole])) if whole.any() else 0.0 for x in (found, record)]
+    here = dataset.moving & inside
+    alike = not here.any() or np.var((record - found)[here]) <= LEAVES * np.var(record[here])
+    return bool(quick[0] <= QUIET * quick[1] and alike)
 
 
 def _inside(dataset):
