@@ -354,7 +354,7 @@ def _given_back(dataset, model, fit, name, turned):
     noise.
     """
     problem, step = dataset.residuals(model, fit.free, fit.parameters, "fit"), _step(dataset)
-    whole = np.sign(fit.parameters[name]) * max(1, round(abs(fit.parameters[name]) / step)) * step
+    whole = round(fit.parameters[name] / step) * step
     values = [np.where([n == name for n in fit.free], d, fit.values) for d in (0.0, whole)]
     none, late = (((fit.weights[:, None] * problem.residual(v)) ** 2).sum(0) for v in values)
     blocks = np.unique(problem.block, return_inverse=True)[1]

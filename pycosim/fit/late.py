@@ -110,9 +110,8 @@ def found(dataset, model, fit, names, part, known, again):
 
 
 def _far(profile, delay):
-    """Whether a fit has not come to a delay that leaves less; between two samples means lower the noise."""
-    less = profile.left(profile.at) - profile.left(delay)
-    return abs(delay - profile.at) > CLOSE * profile.step or less > profile.sure
+    """Whether a fit has not come to a delay that leaves less."""
+    return abs(delay - profile.at) > CLOSE * profile.step or profile.excess > profile.sure
 
 
 def endless(fit):
@@ -198,6 +197,13 @@ class Profile:
                 fall = bounded(self.gram, -self.rows @ r, *self.room)[0] if len(self.rows) else 0.0
                 self._known[delay] = float(r @ r - fall)
         return self._known[delay]
+
+    @property
+    def excess(self):
+        """How much more the delay of the fit leaves than the best near it, between two samples or at one alike."""
+        some, left, _ = self._smoothed()
+        here = left[np.argmin(np.abs(some - self.at))] if len(some) else 0.0
+        return here - np.min(left, initial=here)
 
     @property
     def sure(self):

@@ -298,7 +298,7 @@ def test_a_delay_comes_to_what_leaves_least_from_wherever_it_starts(turning):
         fit = least_squares.fit(dataset, model, {name: start})
         profile = Profile(dataset, model, fit, name, "fit", 0.005)
         known.append(fit.parameters[name])
-        assert profile.left(profile.at) <= profile.left(profile.least()) + profile.sure
+        assert profile.excess <= profile.sure
     assert np.ptp(known) < 0.005
 
 
