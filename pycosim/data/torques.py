@@ -375,10 +375,10 @@ def calm(dataset, name, delay, moved):
 def _quiet(dataset, name):
     """Whether what the motion predicts of a torque has much less noise than its record, and changes as that does."""
     inside, record = dataset.memo("torques.inside", lambda: _inside(dataset)), dataset.signals[name]
-    found = predicted(dataset, record, dataset.moving & inside)
+    here = dataset.moving & inside
+    found = predicted(dataset, record, here)
     whole = sliding_window_view(inside, 5).all(1)  # no ends of passes
     quick = [np.median(np.abs(np.diff(x, 4)[whole])) if whole.any() else 0.0 for x in (found, record)]
-    here = dataset.moving & inside
     alike = not here.any() or np.var((record - found)[here]) <= LEAVES * np.var(record[here])
     return bool(quick[0] <= QUIET * quick[1] and alike)
 
