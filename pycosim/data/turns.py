@@ -23,14 +23,18 @@ AFTER = 10  # samples of a pass beyond that, which tell what it would have been
 EXPLAINED, AT_LEAST, CHANCE = 0.95, 0.91, 2.0
 """Of what is off after turns, that the model's own travel explains where it is all that is at work: 99 % then, less by
 so many standard deviations of the noise's own squares, to the second; a hidden presliding leaves 10 to 25 %, a delay or
-a filter 25 to 75 %."""
+a filter 20 to 75 %."""
+ALIKE = (0.6, 1.6)
+"""Travels, over the model's own, that may share it: friction builds up by no one law. Where it was an exponential of
+the way, behind speeds of a sample late, the model's travel left 6 %, and with these beside it 2.6; true delays of 3 to
+40 ms then left 21 to 55 for 28 to 66, and travels of twice the model's at one stage are told by the other stages."""
 PART = 0.25
 """The same where something else is off there too: then it must be better than any other travel, delay or filter."""
 HALF, ALL = 0.5, 0.1
 """A machine has a travel at each of its segments: with half of its own everywhere at the least, no more than so much
 more may be left. Of eight machines with a travel everywhere that was at most 0.7 %, of three with one at one stage or
 at two 37 to 388."""
-TIMES, LATE, LAGS = (0.25, 0.6, 1.6, LONGER, 3 * LONGER), (1, 2, 3, 4, 6, 8, 12, 16), (2, 4, 8)
+TIMES, LATE, LAGS = (0.25, *ALIKE, LONGER, 3 * LONGER), (1, 2, 3, 4, 6, 8, 12, 16), (2, 4, 8)
 """Travels, over the model's own, delays and time constants of filters [samples] that it is compared with."""
 ENOUGH, STEPS, PROBE = 5000, 2, 1e-3
 """Samples and straight steps that settle free parameters, and the part of one that its changes are made of."""
@@ -42,7 +46,7 @@ most so many of them (a spike is no law), how many ends tell, and samples of eac
 say where it was, and a delay of 31 ms at 50 Hz was 43 with it."""
 
 
-def building_up(miss, longer, moving, passes, time, errors, columns, others=()):
+def building_up(miss, longer, moving, passes, time, errors, columns, others=(), alike=()):
     """Samples at which friction still builds up over the model's own travel; none where that is not what is seen.
 
     Parameters
@@ -61,6 +65,8 @@ def building_up(miss, longer, moving, passes, time, errors, columns, others=()):
         What each segment's own travel would change in the prediction.
     others : sequence of ndarray, shape (segments, channels, n)
         The same of other travels, of torques that come late or through a filter.
+    alike : sequence of ndarray, shape (segments, channels, n)
+        The same of travels near to the model's own, which may share what it explains.
 
     Returns
     -------
@@ -97,8 +103,8 @@ def building_up(miss, longer, moving, passes, time, errors, columns, others=()):
     total, usual, alone = np.sum((off * weight) ** 2), np.sum(noise * weight**2), left(columns)
     if total < SEEN * usual or (len(columns) > 1 and left(columns, HALF) > (1 + ALL) * alone):
         return nothing
-    chance = CHANCE * usual * np.sqrt(2 / off.size)
-    if alone - usual <= min((1 - EXPLAINED) * (total - usual) + chance, (1 - AT_LEAST) * (total - usual)):
+    chance, shared = CHANCE * usual * np.sqrt(2 / off.size), left(np.concatenate([columns, *alike]))
+    if shared - usual <= min((1 - EXPLAINED) * (total - usual) + chance, (1 - AT_LEAST) * (total - usual)):
         return own
     if total - alone < PART * (total - usual):
         return nothing
@@ -252,6 +258,7 @@ class _Travel:
         self.errors = measured - at_once
         self.forces = [base.unit(c) not in ("rad", "m") for c in dataset.outputs]
         self.columns, self.others = changed(early), [changed(f) for f in (*far.values(), *late, *lagging)]
+        self.alike = [self.others[TIMES.index(times)] for times in ALIKE]
         self.miss, self.longer = early - way, far[LONGER] - way
 
     def seen(self, moving, passes, others=()):
@@ -259,7 +266,8 @@ class _Travel:
 
         Smoothed speeds follow it: an encoder's steps go to and fro in slow motion.
         """
-        return building_up(self.miss, self.longer, moving, passes, self.time, self.errors, self.columns, others)
+        return building_up(self.miss, self.longer, moving, passes, self.time, self.errors, self.columns, others,
+                           self.alike)
 
 
 def _settled(dataset, base, parameters, moving, measured, predicted):

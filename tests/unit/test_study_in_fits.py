@@ -11,7 +11,7 @@ from pycosim.cli.entry import main
 from pycosim.compile import Library, compile_model
 from pycosim.data.dataset import Dataset
 from pycosim.data.residuals import huber
-from pycosim.data.turns import LATE, LONGER, TIMES, _Travel, building_up, off
+from pycosim.data.turns import ALIKE, LATE, LONGER, TIMES, _Travel, building_up, off
 from pycosim.diagnosis.excitation import undetectable
 from pycosim.diagnosis.scores import Scores
 from pycosim.diagnosis.table import Table
@@ -134,8 +134,11 @@ def test_what_is_off_after_turns_is_told_from_no_start_of_a_study(dataset, log, 
     assert np.abs(one - other).max() < 0.1 * noise.min()
 
 
-def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0, beside=0.0, spikes=()):
-    """What `building_up` says of a segment that turns every second, whose friction builds up over a travel."""
+def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0, beside=0.0, spikes=(), straight=False):
+    """What `building_up` says of a segment that turns every second, whose friction builds up over a travel.
+
+    By an exponential of the way, or straight, to its end in twice that travel.
+    """
     time, rng = np.arange(4000) * 0.01, np.random.default_rng(seed)
     way = (np.mod(time, 1.0) * 0.5) ** 2  # since the turn
     sign = np.where(np.mod(time, 2.0) < 1.0, 1.0, -1.0)
@@ -143,19 +146,22 @@ def turning(travel, own=1e-3, delay=0.0, noise=0.01, seed=0, beside=0.0, spikes=
     def state(travel):
         return sign * (1 - 2 * np.exp(-way / travel)) if travel else sign
 
-    late = np.where(np.mod(time, 1.0) < delay, -sign, state(travel))
+    built = sign * np.minimum(way / travel - 1, 1) if straight else state(travel)
+    late = np.where(np.mod(time, 1.0) < delay, -sign, built)
     errors = (late - sign + noise * rng.standard_normal(len(time)))[None]
     errors[:, list(spikes)] += 3.0
     errors += beside * sign * np.sqrt(way)  # something else that is missing, and grows with the speed
     others = [0.6 * (state(times * own) - sign)[None, None] for times in TIMES]
     others += [0.6 * (np.roll(state(own), n) - sign)[None, None] for n in LATE]
     return building_up(*((state(times * own) - sign)[None] for times in (1.0, LONGER)), np.ones(len(time), dtype=bool),
-                       np.floor(time).astype(int), time, errors, (0.6 * (state(own) - sign))[None, None], others)
+                       np.floor(time).astype(int), time, errors, (0.6 * (state(own) - sign))[None, None], others,
+                       [others[TIMES.index(times)] for times in ALIKE])
 
 
 @pytest.mark.parametrize(("left_out", "there"), [
     (True, {"travel": 1e-3}), (True, {"travel": 1e-3, "seed": 1, "noise": 0.1}), (False, {"travel": 0.0}),
-    (True, {"travel": 1e-3, "beside": -0.3}),
+    (True, {"travel": 1e-3, "beside": -0.3}), (True, {"travel": 4e-4, "straight": True}),
+    (True, {"travel": 2e-3, "straight": True}), (False, {"travel": 4e-3, "straight": True}),
     (True, {"travel": 1e-3, "noise": 0.1, "spikes": (502, 1801, 2000, 2612)}),
     (False, {"travel": 0.0, "spikes": (502, 1801, 2000)}), (False, {"travel": 0.0, "beside": -0.3}),
     (False, {"travel": 2e-4}), (False, {"travel": 5e-3}),
