@@ -20,6 +20,7 @@ from .turns import built_up
 SMOOTH = 5  # degree of the polynomial of the configuration that the torque of a load is predicted by
 FALLS = (0.05, 0.2)  # of the fastest speed, over which a friction may fall
 FOLDS = 5  # of passes
+CLEAR = 1e-6  # least singular value over the largest, from which a pass tells a share of what all tell
 _FEW = 20  # samples of a pass or a direction, of which nothing is predicted
 JUMP = 0.1  # s from the ends of a pass, in which a torque recorded late may jump
 SETTLED = 2.0  # time constants after which little is left of what is not known of the onset of a jump
@@ -53,26 +54,55 @@ def predicted(dataset, values, trusted=None):
         In the unit of the values; the values themselves where nothing moves.
     """
     trusted = dataset.moving if trusted is None else trusted
-    found = values.copy()
-    for where in _ways(dataset):
-        told = where & trusted if np.count_nonzero(where & trusted) > _FEW else where
-        rows = _regressors(dataset, _degree(told))
-        a = rows[:, told]
-        found[where] = np.linalg.lstsq(a @ a.T, a @ values[told], rcond=1e-10)[0] @ rows[:, where]
-    for s in () if dataset.paired else contiguous(dataset.time, dataset.passes):
-        told = np.flatnonzero(trusted[s]) + s.start
-        if dataset.passes[s.start] >= 0 and len(told) > _FEW:
-            a = np.array([np.ones(len(told)), found[told]])
-            level, share = np.linalg.lstsq(a.T, values[told], rcond=1e-6)[0]
-            found[s] = level + share * found[s]
-    return found
+    return dataset.memo(("torques.motion", trusted.tobytes()), lambda: _Motion(dataset, trusted)).of(values)
+
+
+class _Motion:
+    """What the motion predicts of values along it: what hangs on the motion alone is worked out once."""
+
+    def __init__(self, dataset, trusted):
+        self.ways = []
+        for k, where in enumerate(_ways(dataset)):
+            told = trusted[where] if np.count_nonzero(trusted[where]) > _FEW else np.ones(len(where), dtype=bool)
+            rows = _regressors(dataset, k, _degree(told))
+            moments = rows[:, told] @ rows[:, told].T
+            self.ways.append((where, told, rows, np.linalg.pinv(moments, rcond=1e-10)))
+        self.piece, self.trusted, count = np.full(len(dataset.time), -1), trusted, 0
+        for s in () if dataset.paired else contiguous(dataset.time, dataset.passes):
+            if dataset.passes[s.start] >= 0 and np.count_nonzero(trusted[s]) > _FEW:
+                self.piece[s] = count
+                count += 1
+        self.inside = np.flatnonzero(self.piece >= 0)
+
+    def of(self, values):
+        """What is predicted of values; themselves where nothing moves."""
+        found = values.copy()
+        for where, told, rows, inverse in self.ways:
+            found[where] = inverse @ (rows @ np.where(told, values[where], 0.0)) @ rows
+        if len(self.inside):
+            found[self.inside] = self._levelled(found, values)
+        return found
+
+    def _levelled(self, found, values):
+        """Pass by pass the level and the share of what all tell that fit it, where its changes tell a share."""
+        told = self.inside[self.trusted[self.inside]]
+        number, inside = self.piece[told], self.piece[self.inside]
+        count = np.bincount(number)
+        level, mean = (np.bincount(number, x[told]) / count for x in (found, values))
+        away = found[told] - level[number]
+        spread = np.bincount(number, away**2)
+        total = count + np.bincount(number, found[told] ** 2)  # squares of the level's column and of this one
+        most = (total + np.sqrt(np.maximum(total**2 - 4 * count * spread, 0.0))) / 2
+        clear = count * spread > (CLEAR * most) ** 2
+        share = np.bincount(number, away * values[told]) / np.where(clear, spread, 1.0) * clear
+        return mean[inside] + share[inside] * (found[self.inside] - level[inside])
 
 
 def _ways(dataset):
-    """Moving samples by the directions of all segments, and of paired runs by the run."""
+    """Moving samples, one array for each set of directions of all segments, and of paired runs for each run."""
     def make():
         code = directions(dataset.speeds) + (dataset.run << len(dataset.speeds) if dataset.paired else 0)
-        return [dataset.moving & (code == c) for c in np.unique(code[dataset.moving])]
+        return [np.flatnonzero(dataset.moving & (code == c)) for c in np.unique(code[dataset.moving])]
     return dataset.memo("torques.ways", make)
 
 
@@ -81,16 +111,19 @@ def _degree(told):
     return 3 if told.sum() > 1000 else 2 if told.sum() > 200 else 1
 
 
-def _regressors(dataset, degree):
-    """Powers of the configuration up to a degree, and with the third one speeds and accelerations, one a row."""
+def _regressors(dataset, way, degree):
+    """Powers of the configuration up to a degree, and with the third one speeds and accelerations, one a row.
+
+    At the samples of one of the ways that `_ways` lists.
+    """
     def make():
-        span = np.maximum(np.ptp(dataset.config, axis=1, keepdims=True), 1e-9)
-        x = 2 * (dataset.config - dataset.config.min(1, keepdims=True)) / span - 1
-        rates = [v / np.std(v) for n, v in dataset.signals.items()
+        span, where = np.maximum(np.ptp(dataset.config, axis=1, keepdims=True), 1e-9), _ways(dataset)[way]
+        x = 2 * (dataset.config[:, where] - dataset.config.min(1, keepdims=True)) / span - 1
+        rates = [v[where] / np.std(v) for n, v in dataset.signals.items()
                  if degree == 3 and n.startswith("der(") and np.ptp(v) > 0]
         return np.array([*(np.prod(x ** np.array(e)[:, None], axis=0) for e in itertools.product(
             range(degree + 1), repeat=len(x)) if sum(e) <= degree), *rates])
-    return dataset.memo(("torques.regressors", degree), make)
+    return dataset.memo(("torques.regressors", way, degree), make)
 
 
 class _Falling:
@@ -127,9 +160,10 @@ class _Falling:
         """Moments of the columns and the values, beside what the motion predicts otherwise, fold by fold of passes."""
         _, order = np.unique(self.dataset.passes, return_inverse=True)
         parts = np.zeros((FOLDS, len(self.columns) + 1, len(self.columns) + 1))
-        for told in (where & self.trusted for where in _ways(self.dataset)):
-            a = _regressors(self.dataset, _degree(told))
-            rows, k = np.array([*a[:, told], *self.columns[:, told], values[told]]), len(a)
+        for way, where in enumerate(_ways(self.dataset)):
+            inside = self.trusted[where]
+            a, told = _regressors(self.dataset, way, _degree(inside))[:, inside], where[inside]
+            rows, k = np.array([*a, *self.columns[:, told], values[told]]), len(a)
             own = order[told]
             count = np.maximum(np.bincount(own), 1)
             rows -= np.array([np.bincount(own, row) / count for row in rows])[:, own]  # each pass from its own level
