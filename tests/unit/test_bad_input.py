@@ -302,6 +302,7 @@ def test_a_folder_that_is_not_ours_or_cannot_be_made_is_refused(whole, here, cap
     refused(here, capsys, "is the current folder", "identify", "--out", ".")
 
 
+@pytest.mark.long
 def test_drop_outs_are_refused_with_their_rows_or_left_out_when_the_study_says_so(whole, here, capsys):
     log = whole.copy()
     log.loc[[100, 101, 102, 300], "tau1"] = np.nan
@@ -347,7 +348,7 @@ POOR = {
 }
 
 
-@pytest.mark.parametrize("kind", cases(POOR, ["one pass"]))
+@pytest.mark.parametrize("kind", cases(POOR, []))
 def test_poor_data_are_read_and_the_results_say_what_they_cannot_tell(kind, here, capsys):
     labels, options, hidden, why = POOR[kind]
     log = measure(PAPER, six_manoeuvres(**{"repeats": 1, "rate": 50, "longest_pass": 4, **options}), rng=3)

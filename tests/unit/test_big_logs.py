@@ -183,7 +183,7 @@ def write(path, rows):
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the peak of a process is read from /proc")
-@pytest.mark.parametrize("kind", ["csv", pytest.param("parquet", marks=pytest.mark.long)])
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=pytest.mark.long) for k in ("csv", "parquet")])
 def test_memory_does_not_grow_with_the_file(tmp_path, kind):
     if kind == "parquet":
         pytest.importorskip("pyarrow")

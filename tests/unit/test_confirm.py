@@ -97,6 +97,7 @@ def test_p_values_are_flat_where_the_frozen_effect_is_twice_the_true_one_and_nea
     assert np.mean([f.p_value_frozen for f in none]) > 0.8
 
 
+@pytest.mark.long
 def test_the_fmu_replays_the_estimate_of_the_model_and_both_errors_fall(library, tmp_path):
     data = Dataset(claim(0.03).with_data([log(tmp_path / "new.csv", b=0.03)]), library)
     bare = compile_model(library, data.base.rig, [])
@@ -174,6 +175,7 @@ def test_python_refuses_what_was_searched_in_whatever_form_it_comes(told):
         pc.open(STUDY, data=old).confirm(new)
 
 
+@pytest.mark.long
 def test_a_log_that_was_written_anew_is_the_searched_one_all_the_same(told, tmp_path):
     """Time from elsewhere, fewer digits, a part, rows left out between, a part among new rows."""
     folder, old, new, _ = told

@@ -216,7 +216,8 @@ C = {{ variable = "C", unit = "N.m" }}
 
 
 @pytest.mark.parametrize("effect, values", [
-    ("time_delay", (-2e-3, -1e-3, 1e-3, 2e-3)), pytest.param("low_pass", (5e-4, 1e-3, 2e-3), marks=pytest.mark.long)])
+    pytest.param(effect, values, marks=pytest.mark.long) for effect, values in (
+        ("time_delay", (-2e-3, -1e-3, 1e-3, 2e-3)), ("low_pass", (5e-4, 1e-3, 2e-3)))])
 def test_less_than_a_sample_of_delay_takes_no_noise_of_accelerations_away(effect, values, tmp_path):
     """What the motion predicts of a torque holds their noise; between samples, and filtered, there would be less."""
     data = Dataset(load_study(closed_loop.make("geared", "passes", "none", 1, tmp_path)), Library())

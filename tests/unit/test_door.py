@@ -96,6 +96,7 @@ def test_a_table_in_memory_does_not_follow_later_changes(hidden):
     assert np.isfinite(opened.fit().error["C_H"])
 
 
+@pytest.mark.long
 def test_nothing_is_changed_in_place(project):
     fit = project.fit()
     with pytest.raises(FrozenInstanceError):

@@ -52,6 +52,7 @@ NAMES = ("Manoeuvre", *(f"Branch of {place}" for place in ("1A", "2A", "1B", "2B
          "Candidate", "Parameter", "Log", "Sign of the speed", "Share of the interval's larger end")
 
 
+@pytest.mark.long
 def test_every_axis_has_a_label_with_a_unit_where_there_is_one_and_every_figure_a_title(dataset, improvement):
     for name, figure in _all(dataset, improvement).items():
         assert figure.get_size_inches()[0] <= figures.PAGE
@@ -68,6 +69,7 @@ def test_every_axis_has_a_label_with_a_unit_where_there_is_one_and_every_figure_
                 assert not needed or rows or text in NAMES or re.search(r"\[[^-1].*\]$", text), f"{name}: '{text}'"
 
 
+@pytest.mark.long
 def test_candidates_are_told_apart_by_what_they_leave_and_what_became_of_them(improvement):
     base, last = improvement.steps
     told = [replace(c, held_out_error=last.held_out_error) if c.accepted else c for c in improvement.first.candidates]
@@ -81,6 +83,7 @@ def test_candidates_are_told_apart_by_what_they_leave_and_what_became_of_them(im
                                                            for c, v in base.held_out_error.items()])))
 
 
+@pytest.mark.long
 def test_curves_differ_without_colour(dataset, improvement):
     for name, figure in _all(dataset, improvement).items():
         for axes in figure.axes:
@@ -90,6 +93,7 @@ def test_curves_differ_without_colour(dataset, improvement):
             assert len(set(looks)) == len(looks), f"{name}: {looks}"
 
 
+@pytest.mark.long
 def test_signature_shows_the_hidden_effect_against_its_speed(dataset, improvement):
     base, last = ((s.model, s.fit) for s in improvement.steps)
     figure = figures.figure(drawings.signature(dataset, base, last, improvement.steps[1].added))
@@ -103,6 +107,7 @@ def test_signature_shows_the_hidden_effect_against_its_speed(dataset, improvemen
     assert np.abs(left).max() < 0.1 * hidden["fs"]
 
 
+@pytest.mark.long
 def test_still_lines_follow_from_the_motion(dataset):
     found = drawings.still_directions(dataset)
     for place, (x, y) in {"1A": (0, 1), "2A": (1, 0), "1B": (1, 1), "2B": (1, 1)}.items():
@@ -119,6 +124,7 @@ def test_a_long_signal_keeps_its_peaks():
     np.testing.assert_array_equal(short[1], values[:100])
 
 
+@pytest.mark.long
 def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
     figures.write_figures(tmp_path, dataset, improvement)
     written = {p.name for p in (tmp_path / "figures").iterdir()}
@@ -131,6 +137,7 @@ def test_files_are_written_as_pdf_and_png(dataset, improvement, tmp_path):
     assert all(f">{number(v)} N.m</text>" in drawing for v in error.values()) and len(error) == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ends", [pytest.param(False, marks=[pytest.mark.long, pytest.mark.slow]), True])
 def test_figures_of_another_process_are_the_same_also_when_it_ends(dataset, improvement, tmp_path, monkeypatch, ends):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
@@ -162,6 +169,7 @@ def test_what_the_second_core_compiles_ahead_is_found_on_disk(tmp_path, monkeypa
     library.ahead(rig, [attached])  # nobody listens any more
 
 
+@pytest.mark.long
 def test_the_demo_tells_what_was_found_and_what_was_hidden(dataset, improvement):
     said = []
     demo._tell(Search(open_project(dataset.study), improvement), lambda *lines: said.extend(lines))
@@ -170,6 +178,7 @@ def test_the_demo_tells_what_was_found_and_what_was_hidden(dataset, improvement)
     assert f"Missing: {effect} at {place}" in told and f"Hidden was: {effect} at {place}" in told
 
 
+@pytest.mark.long
 def test_the_map_of_what_no_effect_explains_tells_energy_and_sign(dataset):
     left = {"channel": "C_H", "map": {"x": "theta1", "y": "theta2", "x_edges": [0, 1, 2], "y_edges": [0, 1, 2],
                                       "mean": [[0.1, np.nan], [-0.2, 0.0]], "energy": [[0.5, 0.0], [0.49, 0.01]]}}
@@ -207,6 +216,7 @@ def test_the_two_main_colours_differ_in_grey():
     assert abs(lightness(figures.INKS["before"]) - lightness(figures.INKS["after"])) > 20
 
 
+@pytest.mark.long
 def test_drawing_leaves_the_users_settings_alone(dataset):
     import matplotlib as mpl
     before = dict(mpl.rcParams)

@@ -17,6 +17,7 @@ from pycosim.project import open_project
 from pycosim.project.progress import Continued
 
 
+@pytest.mark.long
 def test_it_names_the_hidden_effect_first_and_nothing_once_that_is_in(searched):
     dataset, improvement = searched
     before, after = (first_look(Table(dataset, s.model, s.fit)) for s in improvement.steps)
@@ -26,6 +27,7 @@ def test_it_names_the_hidden_effect_first_and_nothing_once_that_is_in(searched):
     assert after == []
 
 
+@pytest.mark.long
 def test_it_is_told_in_words_before_the_tests_and_only_to_who_listens(searched):
     dataset, improvement = searched
     first = improvement.steps[0]

@@ -155,7 +155,7 @@ def drawn(rng, seconds, slow, memory, step=0.01):
 
 
 @pytest.mark.parametrize("slow, memory", [
-    (1.0, 1.0), *(pytest.param(*noise, marks=pytest.mark.long) for noise in ((0.0, 1.0), (0.5, 0.1), (2.0, 4.0)))])
+    pytest.param(*noise, marks=pytest.mark.long) for noise in ((1.0, 1.0), (0.0, 1.0), (0.5, 0.1), (2.0, 4.0))])
 def test_a_column_makes_noise_alone_likelier_by_half_a_chi_squared(slow, memory):
     """Also noise that a log of 20 s holds only five times: a column that lies in it gains no more."""
     found = []

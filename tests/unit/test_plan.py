@@ -137,6 +137,7 @@ def test_a_plan_covers_both_directions_several_speeds_and_holds_a_part_out(one):
     assert 0.02 * one.motion.duration < held < 0.5 * one.motion.duration
 
 
+@pytest.mark.long
 def test_the_optimiser_s_plan_beats_a_start_of_its_own(tmp_path):
     k = known(geared(tmp_path), LIBRARY, geared(tmp_path).validate(LIBRARY))
     seen = []

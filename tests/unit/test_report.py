@@ -48,6 +48,7 @@ def payload(text):
     return json.loads(gzip.decompress(base64.b64decode(packed)))
 
 
+@pytest.mark.long
 def test_one_file_with_every_section_that_asks_no_server(found):
     text = found[2].read_text()
     page = _Reader(text)
@@ -57,6 +58,7 @@ def test_one_file_with_every_section_that_asks_no_server(found):
     assert text.index('id="answer"') < text.index("<svg") < text.index("<script")  # words and drawing wait for nothing
 
 
+@pytest.mark.long
 def test_every_chart_has_words_that_stand_for_it_and_a_place(found):
     _, _, path, drawn = found
     page = _Reader(path.read_text())
@@ -68,6 +70,7 @@ def test_every_chart_has_words_that_stand_for_it_and_a_place(found):
     assert all(c["traces"] for c in told["charts"])
 
 
+@pytest.mark.long
 def test_the_error_that_is_shown_to_fall_is_the_ladders(found):
     dataset, improvement, _, drawn = found
     ladder = next(c for c in drawn if c.id == "ladder")
@@ -75,6 +78,7 @@ def test_the_error_that_is_shown_to_fall_is_the_ladders(found):
     assert shown == [s.held_out_error["C_H"] for s in improvement.steps] and shown[1] < 0.6 * shown[0]
 
 
+@pytest.mark.long
 def test_signature_follows_the_hidden_effect(found):
     dataset, improvement, _, _ = found
     before, after = ((s.model, s.fit) for s in improvement.steps)
@@ -96,6 +100,7 @@ def test_energy_of_a_map_is_whole_and_its_half_is_where_the_error_is():
     assert values.half_energy(even["energy"][0], even["samples"]) == pytest.approx(0.5, abs=0.02)
 
 
+@pytest.mark.long
 def test_a_long_signal_keeps_its_extremes_in_the_page(found, monkeypatch):
     dataset, improvement, _, _ = found
     monkeypatch.setattr(charts, "BUCKETS", 500)
@@ -122,6 +127,7 @@ def test_the_page_of_forty_thousand_samples_weighs_less_than_three_megabytes(fou
     assert len(Page(many, improvement, "x").html()) < 3e6
 
 
+@pytest.mark.long
 def test_runs_stand_one_after_the_other(found):
     dataset = found[0]
     twice = Dataset(dataset.study, dataset.library, [dataset.logs[0], replace(dataset.logs[0], name="again")])
@@ -129,6 +135,7 @@ def test_runs_stand_one_after_the_other(found):
     assert (np.diff(time) > 0).all() and time[0] == 0
 
 
+@pytest.mark.long
 def test_names_of_the_user_are_words_not_markup(found):
     dataset, improvement, _, _ = found
     logs = [replace(dataset.logs[0], name="<script>alert(1)</script>")]
@@ -136,6 +143,7 @@ def test_names_of_the_user_are_words_not_markup(found):
     assert "<script>alert(1)" not in text and "&lt;script&gt;alert(1)" in text
 
 
+@pytest.mark.long
 def test_new_keys_of_a_diagnosis_are_shown(found):
     dataset, improvement, _, _ = found
     page = Page(dataset, improvement, "x")
@@ -162,6 +170,7 @@ def numbers_of(page, heading):
     return {what: cells for what, *cells in table["rows"]}
 
 
+@pytest.mark.long
 def test_the_verdict_says_what_where_how_large_how_sure_and_what_comes_next(found):
     dataset, improvement, path, _ = found
     page = Page(dataset, improvement, "x")
@@ -181,6 +190,7 @@ def test_the_verdict_says_what_where_how_large_how_sure_and_what_comes_next(foun
     assert text.index("The model lacks stribeck at 2A") < text.index("<nav") < text.index('id="checked"')
 
 
+@pytest.mark.long
 def test_the_verdict_says_each_thing_once(found):
     card = Page(*found[:2], "x").verdict.card()
     said = [line for _, lines, _ in card["rows"] for line in lines]
@@ -189,6 +199,7 @@ def test_the_verdict_says_each_thing_once(found):
     assert len(set(numbers)) == len(numbers)
 
 
+@pytest.mark.long
 def test_the_size_of_an_effect_is_the_hidden_ones_largest_torque_of_the_motors(found):
     dataset, improvement, _, _ = found
     before, after = ((s.model, s.fit) for s in improvement.steps)
@@ -200,6 +211,7 @@ def test_the_size_of_an_effect_is_the_hidden_ones_largest_torque_of_the_motors(f
     assert told["share"] == pytest.approx(told["value"] / np.abs(dataset.measured["motor2.tau"]).max())
 
 
+@pytest.mark.long
 def test_what_is_rated_is_the_studys_limit_where_it_has_one(found):
     dataset, improvement, _, _ = found
     limited = Dataset(replace(dataset.study, limits={"motor2.tau": (None, 20.0)}), dataset.library, dataset.logs)
@@ -207,6 +219,7 @@ def test_what_is_rated_is_the_studys_limit_where_it_has_one(found):
     assert consequence.rated(limited, "nothing.tau") is None
 
 
+@pytest.mark.long
 def test_a_controllers_feedforward_is_better_with_the_effect(found):
     dataset, improvement, _, _ = found
     told = controller.feedforward(dataset, *((s.model, s.fit) for s in improvement.steps))["motor2.tau"]
@@ -215,6 +228,7 @@ def test_a_controllers_feedforward_is_better_with_the_effect(found):
     assert controller.feedforward(dataset, *same) == {}
 
 
+@pytest.mark.long
 def test_a_simulated_controller_tracks_better_with_the_effect_and_says_where_it_cannot_be(found):
     dataset, improvement, _, _ = found
     first, last = ((s.model, s.fit) for s in improvement.steps)
@@ -228,6 +242,7 @@ def test_a_simulated_controller_tracks_better_with_the_effect_and_says_where_it_
     assert same["closed_loop"] is None and same["why_not"] == "nothing was added"
 
 
+@pytest.mark.long
 def test_findings_of_the_data_check_come_first_and_their_mend_once(found):
     dataset, improvement, _, _ = found
     one = Finding("outliers", "7 samples of C_H are off", ["C_H"], 0.99, mend="[fit]\nrobust = true")
@@ -240,6 +255,7 @@ def test_findings_of_the_data_check_come_first_and_their_mend_once(found):
     assert text.index("7 samples of C_H") < text.index("The model lacks") and "<b>tau1" not in text
 
 
+@pytest.mark.long
 def test_a_search_that_added_nothing_says_so_and_what_it_could_not_see(found):
     dataset, improvement, _, _ = found
     nothing = replace(improvement.first, verdict="nothing_missing", candidates=[
@@ -251,6 +267,7 @@ def test_a_search_that_added_nothing_says_so_and_what_it_could_not_see(found):
     assert told["Next experiment"] and "stroke-width=\"3.5\"" not in page.html()
 
 
+@pytest.mark.long
 def test_an_unexplained_residual_asks_for_what_it_depends_on(found):
     dataset, improvement, _, _ = found
     left = replace(improvement.first, verdict="unexplained", unexplained=None, candidates=[
@@ -270,6 +287,7 @@ def test_an_unexplained_residual_asks_for_what_it_depends_on(found):
     assert ">a guess</text>" in told["drawing"] and "stroke-width=\"3.5\"" not in told["drawing"]
 
 
+@pytest.mark.long
 def test_a_beat_is_what_the_page_tells_first_and_asks_for(found):
     dataset, improvement, _, _ = found
     channel = next(iter(improvement.first.channels))
@@ -310,6 +328,7 @@ def test_held_out_passes_that_are_far_off_are_not_told_as_a_drift():
     assert "a reference that drifts" in told and "Held-out" not in told
 
 
+@pytest.mark.long
 def test_what_the_data_cannot_tell_apart_is_said_marked_and_asked_for(found):
     dataset, improvement, _, _ = found
     twins = [{"effect": "torque_offset", "place": "motor2"}]
@@ -324,6 +343,7 @@ def test_what_the_data_cannot_tell_apart_is_said_marked_and_asked_for(found):
     assert ">or torque offset</text>" in page.verdict.card()["drawing"]
 
 
+@pytest.mark.long
 def test_rivals_are_explained_once_the_winner_is_in(found):
     dataset, improvement, _, _ = found
     page = Page(dataset, improvement, "x")
@@ -334,6 +354,7 @@ def test_rivals_are_explained_once_the_winner_is_in(found):
     assert "explained by stribeck at 2A</span>" in text and "beside stribeck at 2A nothing is left" in text
 
 
+@pytest.mark.long
 def test_charts_open_on_what_is_to_blame(found):
     dataset, improvement, _, _ = found
     page = Page(dataset, improvement, "x")
@@ -344,12 +365,14 @@ def test_charts_open_on_what_is_to_blame(found):
     assert where["groups"][0].over == ("branch of 2A",)
 
 
+@pytest.mark.long
 def test_what_to_measure_next_is_ranked_and_short(found):
     page = Page(*found[:2], "x")
     told = page._next()
     assert 1 <= len(told["ranked"]) <= 5 and told["ranked"][0] == rows(page)["Next experiment"]
 
 
+@pytest.mark.long
 def test_no_words_of_the_workshop_are_shown(found):
     text = re.sub(r"<(script|style)[^>]*>.*?</\1>", "", found[2].read_text(), flags=re.S)
     shown = re.sub(r"<pre.*?</pre>|<[^>]+>", " ", text, flags=re.S)
@@ -369,6 +392,7 @@ def test_a_packed_signal_is_the_signal_to_what_a_screen_can_show():
     assert np.abs(back - time).max() < 1e-6
 
 
+@pytest.mark.long
 def test_numbers_of_the_charts_are_files(found, tmp_path):
     write_numbers(tmp_path / "data", found[3])
     assert {p.stem for p in (tmp_path / "data").iterdir()} == {c.id for c in found[3]}
@@ -387,6 +411,7 @@ def test_inks_are_readable_on_their_paper():
             assert (b + 0.05) / (a + 0.05) >= 4.5, name
 
 
+@pytest.mark.long
 def test_curves_differ_without_colour(found):
     for chart in found[3]:
         looks = [(t["type"], t.get("mode"), (t.get("line") or {}).get("dash"), (t.get("line") or {}).get("width"),

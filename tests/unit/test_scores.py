@@ -49,6 +49,7 @@ def deviations(effect):
     return np.median(found) / np.sqrt(STEP + 2 * SLOW ** 2 * MEMORY)
 
 
+@pytest.mark.long
 def test_columns_take_no_slow_noise_away_from_a_short_log():
     assert deviations(0.0) == pytest.approx(1.0, abs=0.2)
 
@@ -57,6 +58,7 @@ def test_an_effect_is_no_noise():
     assert deviations(2.0) < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("slow, memory", [(SLOW, MEMORY), pytest.param(1.0, 3.0, marks=pytest.mark.long)])
 def test_the_best_of_hundreds_of_columns_is_beyond_chance_where_one_is_there(slow, memory):
     """Also where a constant torque is most of the error, in a log that holds its noise four times."""
