@@ -142,7 +142,8 @@ def test_all_neutral_effects_together_change_nothing(library, model, name):
     _same(model(name), model(name, attached))
 
 
-@pytest.mark.parametrize("name", ["Rigs.GearedJoint", "Rigs.ServoPendulum", pytest.param("Rigs.HipKnee", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", [
+    "Rigs.GearedJoint", "Rigs.ServoPendulum", pytest.param("Rigs.HipKnee", marks=pytest.mark.long)])
 def test_each_neutral_effect_changes_nothing(library, model, name):
     for offer in _offers(library, name):
         _same(model(name), model(name, [offer]), offer)
