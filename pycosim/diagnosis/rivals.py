@@ -112,9 +112,10 @@ def plainly_better(base, earned):
 
 
 def by_kind(findings, named=(), refines=None):
-    """Findings in their order, yet each effect once before any of them at a second place, and corrections last.
+    """Findings in their order, yet each effect once before any of them at a second place, and what is no name last.
 
-    A correction of what is named does as well because that does: it is no other name.
+    A correction of what is named does as well because that does: it is no other name. Less of one is what was refused
+    by itself.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ def by_kind(findings, named=(), refines=None):
     known, ranks, about = {}, [], {*named, *(f.effect for f in findings)}
     for f in findings:
         known[f.effect] = known.get(f.effect, 0) + 1
-        ranks.append(((refines or {}).get(f.effect) in about, known[f.effect]))
+        ranks.append((f.refused is not None, (refines or {}).get(f.effect) in about, known[f.effect]))
     return [f for _, f in sorted(zip(ranks, findings), key=lambda pair: pair[0])]
 
 

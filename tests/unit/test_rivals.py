@@ -12,7 +12,7 @@ from pycosim.data.scatter import _carried, noise_level
 from pycosim.diagnosis.crossval import Selection, _cross_validate, _predictive, difference, gap
 from pycosim.diagnosis.decide import _considered
 from pycosim.diagnosis.finding import Finding
-from pycosim.diagnosis.rivals import BESIDE, CONTESTED, KINDS, alike, too_many
+from pycosim.diagnosis.rivals import BESIDE, CONTESTED, KINDS, alike, by_kind, too_many
 from pycosim.diagnosis.trials import pressed
 from pycosim.fit.bounded import bounded
 from pycosim.fit.least_squares import Fit
@@ -102,6 +102,16 @@ def test_what_is_over_between_two_samples_is_told_and_not_counted():
     assert too_many(finding, {}, False)
     finding.uncounted = {("presliding", "1A")}
     assert not too_many(finding, {}, False) and len(finding.twins) == CONTESTED + 1
+
+
+def test_alternatives_that_might_be_names_are_told_before_corrections_and_what_was_refused():
+    found = [Finding(effect, place, refused=why) for effect, place, why in (
+        ("load_hysteresis", "2A", "over within a few samples"), ("torque_offset", "motor1", None),
+        ("torque_saturation", "motor2", None), ("torque_offset", "motor2", None), ("viscous", "2A", None))]
+    told = by_kind(found, ["torque_constant"], {"torque_saturation": "torque_constant"})
+    assert [(f.effect, f.place) for f in told] == [
+        ("torque_offset", "motor1"), ("viscous", "2A"), ("torque_offset", "motor2"), ("torque_saturation", "motor2"),
+        ("load_hysteresis", "2A")]
 
 
 def test_so_many_effects_leave_no_name_but_many_places_of_a_few_do():
