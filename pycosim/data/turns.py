@@ -74,21 +74,10 @@ def building_up(miss, longer, moving, passes, time, errors, columns, others=(), 
     """
     own = moving & np.any(np.abs(miss) > BUILT_UP, axis=0)
     near = moving & np.any(np.abs(longer) > BUILT_UP, axis=0)
-    off, noise, at = [], [], []
-    for s in contiguous(time, passes):
-        index = np.arange(s.start, s.stop)
-        beyond = np.flatnonzero(~near[s])[:AFTER]
-        if passes[s.start] < 0 or len(beyond) < AFTER:
-            continue
-        usual = errors[:, index[beyond]]
-        some = index[:beyond[0]][near[index[:beyond[0]]]]
-        at.append(some)
-        off.append(errors[:, some] - _mean(usual))
-        noise.append(np.tile(np.var(np.diff(usual, axis=1), axis=1)[:, None] / 2 * (1 + 1 / AFTER), (1, len(some))))
+    off, noise, at = _after_turns(near, passes, time, errors)
     nothing = np.zeros(len(time), dtype=bool)
-    if not at or not own[np.concatenate(at)].any():
+    if not own[at].any():
         return nothing
-    off, noise, at = np.hstack(off), np.hstack(noise), np.concatenate(at)
     weight = 1 / np.sqrt(np.maximum(np.median(noise, axis=1, keepdims=True), 1e-300))
 
     def left(some, least=0.0):
@@ -109,6 +98,22 @@ def building_up(miss, longer, moving, passes, time, errors, columns, others=(), 
     if total - alone < PART * (total - usual):
         return nothing
     return own if alone < min(map(left, others), default=0.0) else nothing
+
+
+def _after_turns(near, passes, time, errors):
+    """How far samples near a turn are off the next that are not, the square that noise would make of it, and which."""
+    off, noise, at = [errors[:, :0]], [errors[:, :0]], [np.array([], dtype=int)]
+    for s in contiguous(time, passes):
+        index = np.arange(s.start, s.stop)
+        beyond = np.flatnonzero(~near[s])[:AFTER]
+        if passes[s.start] < 0 or len(beyond) < AFTER:
+            continue
+        usual = errors[:, index[beyond]]
+        some = index[:beyond[0]][near[index[:beyond[0]]]]
+        at.append(some)
+        off.append(errors[:, some] - _mean(usual))
+        noise.append(np.tile(np.var(np.diff(usual, axis=1), axis=1)[:, None] / 2 * (1 + 1 / AFTER), (1, len(some))))
+    return np.hstack(off), np.hstack(noise), np.concatenate(at)
 
 
 def _far(off, columns):
