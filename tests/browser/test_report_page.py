@@ -2,6 +2,7 @@
 its charts hold data, zoom keeps peaks."""
 
 import csv
+import time
 
 import pytest
 from objections import violations
@@ -17,6 +18,14 @@ def seen(page, chart):
     place.scroll_into_view_if_needed()
     place.locator(".main-svg").first.wait_for()
     return place
+
+
+def until(page, condition, seconds=30):
+    """Wait until a page's expression is true; asked anew from outside, because the page forbids `eval` to itself."""
+    end = time.monotonic() + seconds
+    while not page.evaluate(f"(() => {condition})()"):
+        assert time.monotonic() < end, f"still false after {seconds} s: {condition}"
+        page.wait_for_timeout(50)
 
 
 @pytest.fixture
@@ -145,7 +154,7 @@ def test_zooming_shows_more_of_the_same_signals_on_one_time_axis(opened):
     opened.mouse.down()
     opened.mouse.move(box["x"] + 0.5 * box["width"], y, steps=5)
     opened.mouse.up()
-    opened.wait_for_function("Math.max(...document.getElementById('timeline').data.at(-1).x) < 67.8 * 0.6")
+    until(opened, "Math.max(...document.getElementById('timeline').data.at(-1).x) < 67.8 * 0.6")
     low, high = opened.evaluate("(() => document.getElementById('timeline').layout.xaxis.range)()")
     assert 0.1 * 67 < high - low < 0.35 * 67
     axes = opened.evaluate("(() => document.getElementById('timeline').data.map(t => t.xaxis || 'x'))()")
@@ -171,7 +180,7 @@ def test_the_theme_can_be_changed(opened):
     opened.get_by_role("button", name="Light or dark").click()
     assert ground() != light
     seen(opened, "ladder")
-    opened.wait_for_function("document.getElementById('ladder').layout.paper_bgcolor === '#15181c'")
+    until(opened, "document.getElementById('ladder').layout.paper_bgcolor === '#15181c'")
 
 
 def test_the_numbers_of_a_chart_can_be_saved(opened, tmp_path):
