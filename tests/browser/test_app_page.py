@@ -267,6 +267,7 @@ def test_work_can_be_given_up_and_leaves_nothing(app, page, study):
     assert page.get_by_role("button", name=re.compile("^Add ")).count() == 0
 
 
+@pytest.mark.slow
 def test_an_fmu_can_be_taken_away_and_is_valid(app, page, study, tmp_path):
     fmpy = pytest.importorskip("fmpy")
     address, _ = app(study)

@@ -114,6 +114,7 @@ def test_what_cannot_differ_from_run_to_run_is_refused_in_one_sentence(offsets, 
         dataset.study.refuse_own("diagnose", LIBRARY)
 
 
+@pytest.mark.slow
 def test_a_ripple_is_found_although_the_encoder_counts_from_elsewhere_in_each_run(tmp_path, monkeypatch):
     """By `improve` with a run held out, in the study it writes, and by `confirm` on runs whose phases nobody knows."""
     monkeypatch.chdir(tmp_path)

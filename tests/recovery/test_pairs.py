@@ -111,6 +111,7 @@ def test_what_two_take_together_is_what_both_together_take(scores):
             assert np.isclose(taken[other], moved @ np.linalg.solve(moments, moved), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_two_that_stand_in_for_two_are_exchanged_together(dataset):
     steps = ladder(dataset, [("viscous", "1A+2A"), ("joint_spring", "hip")])
     exchanged = _exchanged(dataset, steps, steps[-1].fit.noise, 0, None)

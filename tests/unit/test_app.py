@@ -32,7 +32,7 @@ def study(tmp_path_factory):
     return folder / "study.toml"
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_loop_goes_forth_and_back(study, tmp_path):
     bench = Workbench(tmp_path / "app")
     with pytest.raises(Given, match="no data are read yet"):
@@ -71,7 +71,7 @@ def test_the_given_study_is_never_written_over(study):
         bench.save()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_effect_of_one_s_own_joins_the_candidates_and_a_slip_in_it_is_told(study, tmp_path):
     bench = Workbench(tmp_path / "app")
     bench.open(study)

@@ -348,7 +348,7 @@ POOR = {
 }
 
 
-@pytest.mark.parametrize("kind", cases(POOR, []))
+@pytest.mark.parametrize("kind", cases(POOR, [], ["one load"]))
 def test_poor_data_are_read_and_the_results_say_what_they_cannot_tell(kind, here, capsys):
     labels, options, hidden, why = POOR[kind]
     log = measure(PAPER, six_manoeuvres(**{"repeats": 1, "rate": 50, "longest_pass": 4, **options}), rng=3)

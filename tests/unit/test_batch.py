@@ -219,8 +219,8 @@ def test_what_is_not_asked_for_is_not_done():
     assert done == [1]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("where", [pytest.param("threads", marks=pytest.mark.slow), "processes"])
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["threads", "processes"])
 def test_a_diagnosis_is_the_same_wherever_its_fits_are_computed(hidden, where):
     def told():
         return pc.open(hidden / "study.toml").diagnose().candidates.to_frame().to_csv()

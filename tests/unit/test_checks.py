@@ -144,7 +144,9 @@ def mended(text, lines):
     return text
 
 
-@pytest.mark.parametrize("mistake", cases(MISTAKES, ["a torque negated"]))
+@pytest.mark.parametrize("mistake", cases(MISTAKES, ["a torque negated"], [
+    "references swapped", "references negated", "a reference in millinewton metres", "revolutions a minute",
+    "all torques in millinewton metres", "a torque that stays", "motors swapped"]))
 def test_a_mistake_is_named_and_its_mend_makes_the_log_sound(mistake, library, tmp_path):
     change, kind, holds = MISTAKES[mistake]
     frame = change(sound())
@@ -181,7 +183,7 @@ def test_what_warms_up_or_stays_late_is_no_drifting_clock(case, library, tmp_pat
     assert not checked(library, asked).blocking
 
 
-@pytest.mark.parametrize("seed", [7, 22, 24, 1600])
+@pytest.mark.parametrize("seed", [7, 22, 24, pytest.param(1600, marks=pytest.mark.slow)])
 @pytest.mark.long
 def test_a_clock_that_drifts_for_a_minute_is_told_beside_slow_noise(seed, library, tmp_path):
     """Slow noise is in the errors, which fall by little."""

@@ -21,12 +21,15 @@ PAGES = [ROOT / n for n in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + s
 EXAMPLES = [(page, k, code) for page in PAGES
             for k, code in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S))]
 OF_MINUTES = ("missing-effect", "verdicts", "many-studies")
-"""In the slow tier; a notebook goes the same way as the first."""
+"""In the slow tier."""
+REPEATED = ("report-0", "diagnosis-0", "python-1", "python-2", "python-3")
+"""Searches as in the example of the README; in the slow tier too."""
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("page, number, code", [
-    pytest.param(page, k, code, id=f"{page.stem}-{k}", marks=pytest.mark.slow if page.stem in OF_MINUTES else ())
+    pytest.param(page, k, code, id=f"{page.stem}-{k}",
+                 marks=pytest.mark.slow if {page.stem, f"{page.stem}-{k}"} & {*OF_MINUTES, *REPEATED} else ())
     for page, k, code in EXAMPLES])
 def test_example_runs(page, number, code, hidden, tmp_path, monkeypatch, capsys):
     for name in ("study.toml", "run.csv"):
@@ -184,7 +187,7 @@ def test_the_licence_is_whole():
 # --- notebooks
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("notebook", sorted((ROOT / "docs").rglob("*.ipynb")), ids=lambda p: p.stem)
 def test_notebook_runs_from_a_log_to_the_missing_effect(notebook, hidden, tmp_path, monkeypatch):
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")

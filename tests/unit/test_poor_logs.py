@@ -80,6 +80,7 @@ def test_a_joint_without_gravity_and_one_that_moves_one_way_are_no_fault(improve
     assert "gear moves one way only" in improved(geared(lambda theta: 5.0, one_way=True), GEARED)[0]
 
 
+@pytest.mark.slow
 def test_a_current_without_a_reference_is_enough_to_go_on(improved):
     study = GEARED.replace('C = { variable = "C", unit = "N.m" }\n', "")
     study = study.replace('unit = "N.m"', 'unit = "A", k_m = 0.1')
