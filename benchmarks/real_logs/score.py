@@ -106,7 +106,7 @@ def score(row):
     if row["failure"]:
         return "failed"
     if row["condition"] == "scenario" and row["what"] == "standstill":
-        return "right" if row["verdict"] == "not_enough_excitation" or row["blocked"] else "wrong"
+        return "right" if "not_enough_excitation" in (row["verdict"] or row.get("message", "")) else "wrong"
     if row["condition"] == "poor":
         return "wrong" if row["steps"] else "right"
     hidden, condition = names(row)

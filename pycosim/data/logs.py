@@ -276,7 +276,7 @@ def _check_motion(log, used):
     if not angles:
         still = [not log.signals[c.variable].any() for c in speeds.values()]
     if still and all(still):
-        raise DataError(f"{log.path}: nothing moves: {', '.join(angles or speeds)} "
+        raise DataError(f"{log.path}: not_enough_excitation: nothing moves: {', '.join(angles or speeds)} "
                         f"{'keep' if len(still) > 1 else 'keeps'} one value; take the run out of the study")
 
 

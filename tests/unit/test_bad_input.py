@@ -348,6 +348,16 @@ POOR = {
 }
 
 
+@pytest.mark.parametrize("steps", [0, 1])
+def test_a_machine_that_stands_still_is_told_to_move_too_little(steps, whole, here, capsys):
+    """Its encoders stay, or fall from one step to the next and back."""
+    for n, name in enumerate(("theta1", "theta2")):
+        whole = whole.assign(**{name: 0.3 + 1.534e-3 * steps * (np.arange(len(whole)) // (70 + n) % 2)})
+    whole.to_csv(here / "log.csv", index=False)
+    (here / "study.toml").write_text(STUDY)
+    refused(here, capsys, "not_enough_excitation", "diagnose")
+
+
 @pytest.mark.parametrize("kind", cases(POOR, [], ["one load"]))
 def test_poor_data_are_read_and_the_results_say_what_they_cannot_tell(kind, here, capsys):
     labels, options, hidden, why = POOR[kind]
