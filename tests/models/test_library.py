@@ -143,7 +143,7 @@ def test_all_neutral_effects_together_change_nothing(library, model, name):
 
 
 @pytest.mark.parametrize("name", [
-    "Rigs.GearedJoint", "Rigs.ServoPendulum", pytest.param("Rigs.HipKnee", marks=pytest.mark.long)])
+    "Rigs.GearedJoint", *(pytest.param(n, marks=pytest.mark.long) for n in ("Rigs.ServoPendulum", "Rigs.HipKnee"))])
 def test_each_neutral_effect_changes_nothing(library, model, name):
     for offer in _offers(library, name):
         _same(model(name), model(name, [offer]), offer)

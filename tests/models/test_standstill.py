@@ -59,7 +59,7 @@ def breakaway(rig):
 
 
 @pytest.mark.parametrize("way", [1, -1])
-@pytest.mark.parametrize("rate", [0.02, 0.1])  # of breakaway, a second
+@pytest.mark.parametrize("rate", [pytest.param(0.02, marks=pytest.mark.long), 0.1])  # of breakaway, a second
 @pytest.mark.parametrize("travel", [pytest.param(1e-4, marks=pytest.mark.long), 1e-3])
 def test_a_slow_ramp_frees_it_in_the_step_that_passes_breakaway(model, way, rate, travel):
     """A ramp that ends half a step below breakaway leaves it held; one step later it never stops."""

@@ -64,6 +64,7 @@ def test_a_region_says_what_its_error_depends_on(study, tmp_path):
         bench.region(0, 0.1)
 
 
+@pytest.mark.long
 def test_the_given_study_is_never_written_over(study):
     bench = Workbench(study.parent)
     bench.open(study)

@@ -225,7 +225,7 @@ def test_a_bad_study_is_refused(kind, whole, here, capsys):
     refused(here, capsys, told, data=data)
 
 
-@pytest.mark.parametrize("verb", ["check", pytest.param("compare", marks=pytest.mark.long), "identify"])
+@pytest.mark.parametrize("verb", cases(["check", "compare", "identify"], ["check"]))
 def test_a_value_of_each_run_of_an_effect_that_is_not_there_is_refused(verb, whole, here, capsys):
     (here / "study.toml").write_text(STUDY + '\n[fit]\nown = ["payload@shank.m"]\n')
     whole.to_csv(here / "log.csv", index=False)
@@ -235,6 +235,7 @@ def test_a_value_of_each_run_of_an_effect_that_is_not_there_is_refused(verb, who
     assert main([verb, "study.toml", "--data", "log.csv"]) == 0
 
 
+@pytest.mark.long
 def test_where_nothing_is_left_to_compare_it_is_said_why(whole, here, capsys):
     whole.to_csv(here / "log.csv", index=False)
     (here / "study.toml").write_text(STUDY.replace("[data]", "[data]\nleave_out = [[0, 5000]]"))

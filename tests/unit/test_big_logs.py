@@ -149,6 +149,7 @@ def test_a_broken_row_of_text_is_named_wherever_it_stands(tmp_path, monkeypatch,
     assert words in str(told.value)
 
 
+@pytest.mark.long
 def test_the_results_say_that_means_were_read(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     motion = rig.six_manoeuvres((0.8, 1.6), 1, longest_pass=3.0)

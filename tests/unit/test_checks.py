@@ -311,6 +311,7 @@ def test_a_motor_that_never_moves_is_told_and_stops_nothing(library, tmp_path):
     assert [f.columns for f in found.findings if f.kind == "stuck"] == [["theta2"]]
 
 
+@pytest.mark.long
 def test_currents_are_not_told_without_the_references_that_would_explain_them(library, tmp_path):
     frame = sound(extra=())
     asked = study(tmp_path, frame.assign(**{n: frame[n] / 9.80665 for n in C}))  # kgf.m

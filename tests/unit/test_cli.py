@@ -168,8 +168,9 @@ def test_quiet_is_quiet(log, capsys):
     assert told.out == "" and told.err == ""
 
 
-@pytest.mark.parametrize("rig", ["HipKnee", "DriveTrain.Rigs.HipKneeTransmission", "ScrewDrive", "ServoPendulum",
-                                 "GearedJoint"])
+@pytest.mark.parametrize("rig", [
+    "HipKnee", pytest.param("DriveTrain.Rigs.HipKneeTransmission", marks=pytest.mark.long), "ScrewDrive",
+    "ServoPendulum", "GearedJoint"])
 def test_new_writes_a_study_that_loads_for_every_rig(rig, here, capsys):
     run("new", rig)
     path = here / f"{rig.rsplit('.', 1)[-1]}.toml"

@@ -153,6 +153,7 @@ def test_python_gives_an_object_that_its_file_gives_back(told, tmp_path):
     assert pc.open(folder / "found.toml").confirm(new).record == found.record
 
 
+@pytest.mark.long
 def test_the_command_line_leaves_what_python_does(told, tmp_path):
     folder, _, new, found = told
     out = tmp_path / "out"

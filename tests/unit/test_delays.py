@@ -292,6 +292,7 @@ def test_a_delay_under_a_load_that_the_motion_does_not_tell_is_found(turning):
     assert low < 0.0052 < high and high - low < 0.002 and fit.error["C"] < 0.6
 
 
+@pytest.mark.long
 def test_a_delay_comes_to_what_leaves_least_from_wherever_it_starts(turning):
     late, dataset = turning
     model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque")])

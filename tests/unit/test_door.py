@@ -136,6 +136,7 @@ def test_draws_are_a_table(project):
         drawn.values = None
 
 
+@pytest.mark.long
 def test_a_diagnosis_is_a_verdict_a_table_and_sentences(project):
     found = project.diagnose()
     assert found.verdict == "missing_effect" and found.best.name == "stribeck@2A" and found.best.p_value < 0.01
@@ -178,6 +179,7 @@ def test_the_given_study_is_never_changed(project, hidden):
     assert (hidden / "study.toml").read_text() == before
 
 
+@pytest.mark.long
 def test_plots_give_axes_to_go_on_with(project, search):
     fit, found = project.fit(), project.diagnose()
     one = fit.plot.residuals(over="speed@2A", channel="C_H")
@@ -195,6 +197,7 @@ def test_plots_give_axes_to_go_on_with(project, search):
         found.plot.unexplained()
 
 
+@pytest.mark.long
 def test_every_object_shows_in_a_line_and_as_a_table(project, search):
     fit, found = project.fit(), project.diagnose()
     for thing in (project, project.check(), fit, fit.params, fit.params["s1A.f0"], fit.compare(), found, found.best,
@@ -210,6 +213,7 @@ def recorded(project, search):
             "diagnosis": project.diagnose(), "diagnosis_final": search.last, "search": search}
 
 
+@pytest.mark.long
 def test_what_is_saved_is_loaded_and_shows_the_same(project, search, tmp_path):
     for name, thing in recorded(project, search).items():
         kept = thing.save(tmp_path / f"{name}.json")
@@ -225,6 +229,7 @@ def test_what_is_saved_is_loaded_and_shows_the_same(project, search, tmp_path):
         assert again.save(tmp_path / "again.json").read_text() == kept.read_text()
 
 
+@pytest.mark.long
 def test_a_loaded_result_answers_what_its_file_holds_and_says_what_needs_the_log(project, search, tmp_path):
     again = {n: type(t).load(t.save(tmp_path / f"{n}.json")) for n, t in recorded(project, search).items()}
     found, fit, whole = again["diagnosis"], again["parameters"], again["search"]
@@ -248,6 +253,7 @@ def test_a_loaded_result_answers_what_its_file_holds_and_says_what_needs_the_log
     assert not (tmp_path / "page.html").exists()
 
 
+@pytest.mark.long
 def test_the_folder_of_a_search_is_loaded_as_well(search, tmp_path):
     for name, content in search.files().items():
         (tmp_path / name).write_text(content if isinstance(content, str) else records.to_json(content))
@@ -270,6 +276,7 @@ def test_a_log_with_a_mistake_is_refused_by_its_loaded_check_too(project, tmp_pa
     assert not pc.Check.load(answered.save(tmp_path / "check.json")).blocking
 
 
+@pytest.mark.long
 def test_a_result_names_the_thresholds_that_decided_it(project, search):
     told = {name: thing.record["thresholds"] for name, thing in recorded(project, search).items()
             if name not in ("comparison", "search")} | {"ladder": search.to_dict()["thresholds"]}
@@ -299,6 +306,7 @@ def broken(record):
             "of another shape": (records.to_json(inside), "something in it is missing or of another kind")}
 
 
+@pytest.mark.long
 def test_a_file_that_is_no_result_is_refused_in_a_sentence(project, search, tmp_path):
     path = tmp_path / "result.json"
     things = recorded(project, search)
@@ -327,6 +335,7 @@ def test_errors_have_dimensions(project):
     assert float(found["manoeuvre"].sel({"manoeuvre group": "A", "channel": "C_H"})) == one
 
 
+@pytest.mark.long
 def test_an_export_takes_the_fitted_values(search, tmp_path):
     made = search.final.export(tmp_path / "out", to="json")
     fitted = search.final.params["s1A.f0"].value

@@ -156,6 +156,7 @@ def test_figures_of_another_process_are_the_same_also_when_it_ends(dataset, impr
     assert here == there and len(here) == 6
 
 
+@pytest.mark.long
 def test_what_the_second_core_compiles_ahead_is_found_on_disk(tmp_path, monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     monkeypatch.setenv("PYCOSIM_CACHE", str(tmp_path))

@@ -27,6 +27,7 @@ def test_the_tree_of_the_library_survives_the_cache_s_format(library):
     assert pickle.dumps(tree_data.load(tree_data.dump(again))) == pickle.dumps(again)  # sharing too
 
 
+@pytest.mark.long
 def test_a_model_compiles_the_same_from_the_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("PYCOSIM_CACHE", str(tmp_path))
     first, second = Library(), Library()

@@ -82,6 +82,7 @@ def test_every_effect_shows(short, name):
 # --- logs
 
 
+@pytest.mark.long
 def test_a_seed_gives_the_same_log_again(tmp_path):
     for name in ("once", "again"):
         make.make(21, tmp_path / name)

@@ -38,7 +38,7 @@ def test_speeds_and_accelerations_are_those_of_the_angles(motion):
     assert abs(np.gradient(m.v, m.time, axis=1) - m.a)[:, inner].max() < 3e-2 * abs(m.a).max()
 
 
-@pytest.mark.parametrize("what", ["stribeck", "cable_compliance"])
+@pytest.mark.parametrize("what", ["stribeck", pytest.param("cable_compliance", marks=pytest.mark.long)])
 def test_effects_have_the_size_that_is_asked_for(what):
     found = cases.drawn(cases.Case("digital", what, 1.7, 3, quick=True))
     assert found.sizes[0] == pytest.approx(1.7, rel=0.03)

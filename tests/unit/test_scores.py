@@ -54,6 +54,7 @@ def test_columns_take_no_slow_noise_away_from_a_short_log():
     assert deviations(0.0) == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.long
 def test_an_effect_is_no_noise():
     assert deviations(2.0) < 1.0
 

@@ -95,6 +95,7 @@ def test_weights_are_one_for_all_but_the_far_out():
     np.testing.assert_array_equal(huber(np.array([[0.0, 0.0, 0.0, 1.0]])), 1.0)
 
 
+@pytest.mark.long
 def test_what_the_user_has_ruled_out_is_no_candidate_and_is_said(dataset, log):
     data = dataset(log, rejected=["torque_offset@motor1", "stribeck"])
     table = Table(data, data.base, fit(data, data.base))
@@ -187,6 +188,7 @@ def test_a_study_that_says_what_moves_is_not_asked_again(dataset, log):
     assert data.w_min == 0.05 and np.abs(data.speeds[:, data.moving]).min() > 0.05
 
 
+@pytest.mark.long
 def test_what_a_controller_cannot_work_out_ahead_is_said_and_loses_nothing(dataset, log):
     data = dataset(log)
     keys = [("viscous", "1B+2B"), ("direction_asymmetry", "1A"), ("load_nonlinearity", "1A+2A")]
