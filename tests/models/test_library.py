@@ -31,8 +31,8 @@ def test_rig_answers_every_question_its_annotation_offers(model, name):
     assert set(dynamics(rig).algebraic).isdisjoint(dynamics(rig).states)
 
 
-@pytest.mark.parametrize("name", [
-    pytest.param(n, marks=[] if n == "Rigs.GearedJoint" else pytest.mark.long) for n in RIGS])
+@pytest.mark.long
+@pytest.mark.parametrize("name", RIGS)
 def test_effects_hung_on_a_flat_rig_are_the_model_that_the_compiler_flattens(library, name):
     """Every effect at its last place, which is the joined one, five at a time, and once the probes."""
     rig = f"DriveTrain.{name}"

@@ -77,6 +77,7 @@ def test_what_was_done_is_not_done_again_unless_the_study_changed(studies, tmp_p
     assert times == {"one": 1, "two": 2}
 
 
+@pytest.mark.long
 def test_a_killed_process_loses_nothing_but_its_own_study(studies, tmp_path):
     rows = batch.improve_all(studies("one", "killed", "two"), tmp_path / "out", "processes", 2)
     assert [bool(r["failure"]) for r in rows] == [False, True, False]

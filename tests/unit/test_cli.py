@@ -261,7 +261,7 @@ OTHER_UNITS = with_columns(
     'C_H = { variable = "C_H", unit = "N.m" }', 'C_K = { variable = "C_K", unit = "mN.m" }')
 
 
-@pytest.mark.parametrize("ending", cases(["csv", "parquet"], ["csv"]))
+@pytest.mark.parametrize("ending", cases(["csv", "parquet"], []))
 def test_currents_degrees_and_milliseconds_give_the_same_parameters(ending, log, here):
     si = pd.read_csv(log)
     speed = np.gradient(si["theta1"], si["time"])

@@ -140,6 +140,7 @@ def told(library, tmp_path_factory):
     return folder, old, new, pc.open(folder / "found.toml", data=new).confirm()
 
 
+@pytest.mark.long
 def test_python_gives_an_object_that_its_file_gives_back(told, tmp_path):
     folder, _, new, found = told
     assert found.confirmed == {"viscous@1A": True} and "is confirmed" in repr(found)

@@ -149,6 +149,7 @@ def test_a_diagnosis_is_a_verdict_a_table_and_sentences(project):
         found.candidates["stribek@2A"]
 
 
+@pytest.mark.long
 def test_telling_a_result_does_not_change_it(project):
     found = project.diagnose()
     scored = [c for c in found.found.candidates if c.fit is None]
@@ -286,6 +287,7 @@ def test_a_result_names_the_thresholds_that_decided_it(project, search):
         assert all(isinstance(t["value"], (int, float)) and len(t["means"].split()) > 3 for t in table.values())
 
 
+@pytest.mark.long
 def test_what_a_stranger_writes_into_a_result_stays_text_in_a_notebook(project, tmp_path):
     record = project.diagnose().to_dict()
     record["candidates"][0] |= {"effect": "<script>x</script>", "accepted": True}

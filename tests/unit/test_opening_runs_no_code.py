@@ -38,6 +38,7 @@ def test_a_model_compiles_the_same_from_the_cache(monkeypatch, tmp_path):
     assert list(map(str, a.equations)) == list(map(str, b.equations)) and a.parameters == b.parameters
 
 
+@pytest.mark.long
 def test_a_rig_moves_the_same_from_the_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("PYCOSIM_CACHE", str(tmp_path))
     time = np.linspace(0, 0.2, 50)

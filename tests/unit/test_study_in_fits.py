@@ -64,6 +64,7 @@ def distance(found, true):
     return max(abs(found[n] - true[n]) for n in ("s1A.f0", "s2A.f0"))
 
 
+@pytest.mark.long
 def test_outliers_move_a_plain_fit_and_hardly_a_robust_one(dataset, log):
     true = fitted(dataset(log))
     spoiled, rng = log.copy(), np.random.default_rng(0)
@@ -73,6 +74,7 @@ def test_outliers_move_a_plain_fit_and_hardly_a_robust_one(dataset, log):
     assert distance(fitted(dataset(spoiled, robust=True)), true) < 0.004
 
 
+@pytest.mark.long
 def test_tests_bridge_outliers_of_torques_that_hold_more_than_the_noise(dataset, log):
     assert dataset(log).spiked == 0
     spoiled, rng = log.copy(), np.random.default_rng(0)
