@@ -91,6 +91,7 @@ def check_comparison(found):
     assert {"A", "F"} <= set(found["by"]["manoeuvre"])
 
 
+@pytest.mark.long
 def test_improve_leaves_every_file_and_tells_the_story(log, here, capsys):
     run("improve", STUDY, "--data", log)
     out = here / "study_improve"
