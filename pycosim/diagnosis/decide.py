@@ -26,7 +26,7 @@ from .finding import Diagnosis
 from .lack_of_fit import unexplained
 from .remainder import LEFT, remaining, rises, slow
 from .rhythm import rhythms
-from .rivals import behind, by_kind, plainly_better, too_many, twins
+from .rivals import SURELY, behind, by_kind, plainly_better, too_many, twins
 from .scores import LEVEL, Scores
 from .table import Table
 from .trials import BETWEEN, as_findings, fit_to_all, pressed, refit_best
@@ -261,8 +261,8 @@ def _decide(findings, rivals, base, refines, steady, beside):
     if not earned:
         return None
     best = plainly_better(base, earned)
-    if _at_a_bound(best):  # a coefficient that the bounds alone hold is no measurement, where another does as well
-        best = next((f for f in earned[1:] if not _at_a_bound(f) and twins(base, f, best, kinds=("white",))), best)
+    if _at_a_bound(best):  # what the bounds alone hold is no measurement, where another does nearly as well
+        best = next((f for f in earned[1:] if not _at_a_bound(f) and twins(base, f, best, SURELY, ("white",))), best)
     best, others, constant = _considered(rivals, earned, best, base, refines, steady)
     largest = min(earned, key=lambda f: f.selection.raw.sum())
     if not constant and "raw" in behind(best.selection, largest.selection):  # what is slow is missing too
@@ -285,7 +285,8 @@ def _considered(rivals, earned, best, base, refines, steady):
     able = [f for f in rivals if f.refused not in (*ELSE, UNSOLVED)]
     others = [f for f in able if f is not best and twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and (
-        twins(base, f, best, 3.0) or np.all(_shares(f.selection.channels, best.selection.channels) < MATTERS))), None)
+        twins(base, f, best, SURELY)
+        or np.all(_shares(f.selection.channels, best.selection.channels) < MATTERS))), None)
     if plain is not None and steady(plain):  # a correction is not claimed where the effect itself does nearly as well
         return plain, [f for f in able if f is not plain and (f is best or f in others or twins(base, f, plain))], True
     return best, others, bool(steady(best))

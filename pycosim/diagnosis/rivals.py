@@ -6,6 +6,7 @@ from .crossval import difference, gap
 
 ALIKE = 0.2  # of what the best takes away, that an alternative may leave
 SEPARATE = 1.645  # standard errors by which unseen folds must tell rivals apart: the true one of two is lost in 5 %
+SURELY = 3.0  # the same, for one that corrects another, or that its bounds alone hold, to be named before it
 PLAIN = 0.05  # of the plain squared error, by which it must be lower to decide: something else that is missing moves it
 CONTESTED, BESIDE, KINDS = 5, 3, 3
 """Alternatives beyond which none is a name, the same beside other effects, and effects, of which so many may be

@@ -10,7 +10,7 @@ from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.scatter import _carried, noise_level
 from pycosim.diagnosis.crossval import Selection, _cross_validate, _predictive, difference, gap
-from pycosim.diagnosis.decide import _considered
+from pycosim.diagnosis.decide import _considered, _decide
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.rivals import BESIDE, CONTESTED, KINDS, alike, by_kind, too_many
 from pycosim.diagnosis.trials import pressed
@@ -174,6 +174,24 @@ def test_a_correction_is_claimed_where_it_takes_enough_beyond_what_it_corrects(m
     assert not alike(base, plain.selection, best.selection, 3.0)
     found = _considered(rivals, rivals, best, base, {"sublinear_viscous": "viscous"}, lambda finding: True)
     assert found[0].effect == said
+
+
+@pytest.mark.parametrize("behind, held, named", [(8.0, True, "2B"), (8.0, False, "1A"), (20.0, True, "1A")])
+def test_what_its_bounds_alone_hold_gives_way_to_what_does_nearly_as_well(behind, held, named):
+    """A loss that grows twentyfold, the most that is allowed, stood before the drift that was hidden by 1.7 errors."""
+    variable = replace(compile_model(Library(), "DriveTrain.Rigs.HipKnee", [("thermal_drift", "1A")]).parameters[
+        "thermal_drift_1A.k"], min=0.0, max=20.0)
+    base, rivals = refitted("", [40.0, 40.0], 800.0).selection, []
+    for place, value, more in (("1A", 20.0 if held else 5.0, 0.0), ("2B", 2.0, behind)):
+        one, name = refitted("thermal_drift", [10.0, 10.0], 300.0), f"thermal_drift_{place}.k"
+        one.selection.white += more / 10
+        one.selection.left["white"] = one.selection.left["white"] + np.sqrt(more and 4.0 / 20)  # a gap's error of four
+        rivals.append(replace(one, place=place, p_value=0.001, fit=Fit(
+            {name: value}, [name], {name: variable}, np.array([value]), np.array([value]), np.eye(1), np.zeros((0, 1)),
+            10.0, [], [], np.ones(1))))
+    assert gap(rivals[1].selection, rivals[0].selection, "white")[1] == pytest.approx(4.0)
+    found = _decide([*rivals], [*rivals], base, {}, lambda finding: True, False)
+    assert found.accepted and found.place == named
 
 
 @pytest.mark.parametrize("value, error, end", [
