@@ -262,25 +262,33 @@ def summary(rows):
         Lines of Markdown.
     """
     rows = [r for r in rows if "skipped" not in r]
-    yield ("| condition | logs | right | undecided | missed | wrong | wrong alternatives | blocked | failed | "
-           "seconds (median, most) | MiB |")
-    yield "|---|---|---|---|---|---|---|---|---|---|---|"
     groups = defaultdict(list)
     for r in (r for r in rows if r["condition"] != "measured"):
-        groups[r["condition"], "nothing hidden" if not r["hidden"] else "hidden"].append(r)
-    for (condition, kind), some in groups.items():
-        some = [{**r, "score": score(r)} for r in some]
-        count = [sum(r["score"] in s for r in some) for s in (
-            ("right",), ("undecided",), ("missed",), ("wrong", "misnamed"), ("blocked",), ("failed",))]
-        count.insert(4, sum(bool(wrong_alternatives(r)) for r in some))
-        seconds = sorted(r["seconds"] for r in some)
-        yield (f"| {condition}, {kind} | {len(some)} | {' | '.join(map(str, count))} | "
-               f"{seconds[len(seconds) // 2]:.0f}, {seconds[-1]:.0f} | {max(r['peak_mib'] for r in some)} |")
+        groups[r["condition"]].append({**r, "score": score(r)})
+    yield ("| condition | nothing hidden: right | something hidden: right | undecided | missed | wrong | wrong "
+           "alternatives | stopped | failed | seconds (median, most) | MiB |")
+    yield "|---|---|---|---|---|---|---|---|---|---|---|"
+    for condition, some in groups.items():
+        yield _counted(condition, some)
+    if len(groups) > 1:
+        yield _counted("all", [r for some in groups.values() for r in some])
     yield ""
     for r in rows:
         judged = score(r) if r["condition"] != "measured" else "measured"
         if judged != "right":
             yield f"- {judged}: `{r['case']}` {told(r)}"
+
+
+def _counted(name, some):
+    """A line of the table: what is not right with nothing hidden is counted beside the rest."""
+    sound, others = ([r for r in some if bool(r["hidden"]) == what] for what in (False, True))
+    right = [f"{sum(r['score'] == 'right' for r in part)} of {len(part)}" if part else "" for part in (sound, others)]
+    count = [sum(r["score"] in s for r in some) or "" for s in (
+        ("undecided",), ("missed",), ("wrong", "misnamed"), ("blocked",), ("failed",))]
+    count.insert(3, sum(bool(wrong_alternatives(r)) for r in some) or "")
+    seconds = sorted(r["seconds"] for r in some)
+    return (f"| {name} | {' | '.join([*right, *map(str, count)])} | "
+            f"{seconds[len(seconds) // 2]:.0f}, {seconds[-1]:.0f} | {max(r['peak_mib'] for r in some)} |")
 
 
 def _asked(row):

@@ -150,8 +150,6 @@ class _Laws:
         self.added, self.pieces, self.fold = added, pieces, pieces % FOLDS
         size = np.sqrt((slope ** 2).sum((0, 2)))
         self.slope = slope[:, size > 0] / size[size > 0, None]
-        self.plain = self._moments(self.slope, self.slope)
-        self.own = self._moments(added[:, None], added[:, None])
 
     def _moments(self, one, other):
         """Products of columns, fold by fold: (folds, k, m)."""

@@ -50,7 +50,8 @@ def first_look(table):
         Each effect at its best place, most first; those with a share below `WORTH` are left out.
     """
     gram, p = _moments(table), len(table.fit.free)
-    tried = sorted(table.candidates, key=lambda c: -_free_fall(gram, p, c))[:TRIED]
+    beside = _beside_base(gram, p)
+    tried = sorted(table.candidates, key=lambda c: -_free_fall(*beside, c))[:TRIED]
     low = np.array([table.fit.variables[n].min for n in table.fit.free]) - table.fit.values
     high = np.array([table.fit.variables[n].max for n in table.fit.free]) - table.fit.values
     without, best = bounded(gram[:p, :p], gram[:p, -1], low, high)[0], {}
@@ -83,11 +84,16 @@ def _summed(gram, p, candidate):
     return pick @ gram[:-1, :-1] @ pick.T, pick @ gram[:-1, -1]
 
 
-def _free_fall(gram, p, candidate):
+def _beside_base(gram, p):
+    """Moments of all candidate columns, and theirs with the residual, beside what the base takes of them."""
+    cross = gram[p:-1, :p] @ least_squares.invert(gram[:p, :p])[0]
+    return gram[p:-1, p:-1] - cross @ gram[:p, p:-1], gram[p:-1, -1] - cross @ gram[:p, -1]
+
+
+def _free_fall(moments, moved, candidate):
     """What a candidate would take without any bounds, roughly: of its own columns alone, beside the base."""
-    a, b = _summed(gram, p, candidate)
-    inverse = least_squares.invert(a[:p, :p])[0]
-    left, own = b[p:] - a[p:, :p] @ inverse @ b[:p], a[p:, p:] - a[p:, :p] @ inverse @ a[:p, p:]
+    own = np.array([[moments[np.ix_(one, other)].sum() for other in candidate.parts] for one in candidate.parts])
+    left = np.array([moved[part].sum() for part in candidate.parts])
     return float(left @ np.linalg.lstsq(own, left, rcond=1e-9)[0])
 
 

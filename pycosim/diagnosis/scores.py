@@ -262,7 +262,7 @@ class Scores:
         values, vectors = np.linalg.eigh((schur + schur.T) / (2 * np.outer(size, size)))
         root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0))
         noise = self.rng.standard_normal((self.draws, len(schur))) @ root.T
-        self._absorb = base, inverse
+        self._absorb, self._inflated = (base, inverse), {}
         rounded = self._rounded(slice(p, None), cross)
         if rounded.shape[1]:
             noise += (rounded * self.rng.choice([-1.0, 1.0], rounded.shape[1]))[:, self.rng.integers(
@@ -419,6 +419,12 @@ class Scores:
         """Variance of a candidate's score with rounding counted, over the variance that noise alone gives it."""
         if not len(self.rounded[0]):
             return 1.0
+        key = tuple(map(tuple, candidate.parts))
+        if key not in self._inflated:
+            self._inflated[key] = self._worked_out(candidate)
+        return self._inflated[key]
+
+    def _worked_out(self, candidate):
         base, inverse = self._absorb
         columns = [self.p + np.array(part) for part in candidate.parts]
         cross = np.array([self.gram[np.ix_(c, base)].sum(0) for c in columns]) @ inverse
@@ -494,7 +500,7 @@ class Scores:
         less.gram = turn @ self.gram @ turn.T
         less.gram[own], less.gram[:, own] = 0.0, 0.0
         base = [k for k in self._absorb[0] if k not in own]
-        less._absorb = base, least_squares.invert(less.gram[np.ix_(base, base)])[0]
+        less._absorb, less._inflated = (base, least_squares.invert(less.gram[np.ix_(base, base)])[0]), {}
         less.__dict__.pop("_without", None)
         less.results = []
         for score in self.results:
@@ -630,8 +636,9 @@ class Scores:
 
 def _summed(matrix, groups):
     """Rows and columns of a symmetric matrix, summed group by group."""
-    rows = np.array([matrix[g].sum(0) for g in groups])
-    return np.array([rows[:, g].sum(1) for g in groups])
+    picked, first = np.concatenate(groups), np.cumsum([0, *map(len, groups)])[:-1]
+    rows = np.add.reduceat(matrix[picked[:, None], picked], first, axis=0)
+    return np.add.reduceat(rows, first, axis=1).T
 
 
 def _grown(gram, own, cross, p):

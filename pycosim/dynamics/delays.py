@@ -91,13 +91,18 @@ def _moved(name, values, time, run, delay, slopes, moved):
 def _nearest(time, run, later):
     """Samples nearest to a later time, log by log, and how much later that is than they are; none beyond the ends."""
     near, apart = np.arange(len(time)), np.zeros(len(time))
-    for k in np.unique(run):
-        part = np.flatnonzero(run == k)
-        own = np.clip(time[part] + later, time[part[0]], time[part[-1]])
-        edges = (time[part][1:] + time[part][:-1]) / 2
-        near[part] = part[np.searchsorted(edges, own)]
-        apart[part] = own - time[near[part]]
+    for part in _logs(run):
+        own = time[part]
+        then = np.clip(own + later, own[0], own[-1])
+        near[part] = part.start + np.searchsorted((own[1:] + own[:-1]) / 2, then)
+        apart[part] = then - time[near[part]]
     return near, apart
+
+
+def _logs(run):
+    """The samples of each log, which stand together."""
+    edges = np.flatnonzero(np.diff(run, prepend=np.nan, append=np.nan))
+    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:])]
 
 
 def between(time, values, run, later):
@@ -115,8 +120,7 @@ def between(time, values, run, later):
     ndarray, shape (n,)
     """
     found = np.empty(len(time))
-    for k in np.unique(run):
-        own = run == k
+    for own in _logs(run):
         found[own] = np.interp(time[own] + later, time[own], values[own], np.nan, np.nan)
     return found
 

@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.real_logs import cases, effects, machines, mistakes
 from benchmarks.real_logs.make import make
+from benchmarks.real_logs.run import summary
 from benchmarks.real_logs.score import score
 
 FOLDER = Path(cases.__file__).parent
@@ -76,6 +77,17 @@ def test_scores_are_what_they_say():
     assert score(row()) == "right" and score(row(other, "missing_effect")) == "wrong"
     assert score(row([(("reference_mass", "shank"), [])], condition="reference_mass")) == "right"
     assert score(row(verdict="unexplained", final="unexplained", hidden=[("wear", "1A")])) == "right"
+
+
+def test_the_summary_counts_what_is_right_with_and_without_an_effect():
+    cost = {"seconds": 10.0, "peak_mib": 300, "depends": [], "case": "plain:viscous:1.7:3"}
+    hidden, other = [("viscous", "1A")], [(("stribeck", "1A"), [])]
+    rows = [row() | cost, row(other, "missing_effect") | cost, row(other, "missing_effect", hidden=hidden) | cost,
+            row([(hidden[0], [])], "missing_effect", hidden=hidden) | cost | {"seconds": 30.0},
+            row(hidden=hidden, condition="gait") | cost]
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in summary(rows) if line.startswith("| ")]
+    assert lines[1] == ["plain", "1 of 2", "1 of 2", "", "", "2", "", "", "", "10, 30", "300"]
+    assert lines[2][:5] == ["gait", "", "0 of 1", "", "1"] and lines[3][:3] == ["all", "1 of 2", "1 of 3"]
 
 
 def test_every_condition_can_be_drawn():
