@@ -499,7 +499,7 @@ class Scores:
         turn[-1, own] = list(sizes.values())
         less.gram = turn @ self.gram @ turn.T
         less.gram[own], less.gram[:, own] = 0.0, 0.0
-        base = [k for k in self._absorb[0] if k not in own]
+        base = [k for k in less._yielding() if k not in own]
         less._absorb, less._inflated = (base, least_squares.invert(less.gram[np.ix_(base, base)])[0]), {}
         less.__dict__.pop("_without", None)
         less.results = []
