@@ -13,6 +13,7 @@ import numpy as np
 from ..core.early import tell_early
 from ..fit import least_squares
 from ..fit.bounded import bounded
+from .scores import summed
 
 ENOUGH = 3000  # samples: a share of the error's energy is known to some percent from as many
 TRIED = 40  # candidates that are tried within all bounds, of those that would take most without
@@ -56,8 +57,9 @@ def first_look(table):
     high = np.array([table.fit.variables[n].max for n in table.fit.free]) - table.fit.values
     without, best = bounded(gram[:p, :p], gram[:p, -1], low, high)[0], {}
     for c in tried:
-        a, b = _summed(gram, p, c)
-        fall = bounded(a, b, np.r_[low, c.lower], np.r_[high, c.upper])[0] - without
+        groups = [*[[k] for k in range(p)], *[p + np.array(part) for part in c.parts]]
+        left = np.array([gram[g, -1].sum() for g in groups])
+        fall = bounded(summed(gram, groups), left, np.r_[low, c.lower], np.r_[high, c.upper])[0] - without
         share = float(fall / max(gram[-1, -1] - without, 1e-300))
         if share >= WORTH and share > best.get(c.effect.id, Likely("", "", 0.0)).share:
             best[c.effect.id] = Likely(c.effect.id, c.place.name, share)
@@ -75,15 +77,6 @@ def _moments(table):
     return total
 
 
-def _summed(gram, p, candidate):
-    """Moments of the base's parameters and of a candidate's coefficients, each the sum of its columns."""
-    groups = [*[[k] for k in range(p)], *[p + np.array(part) for part in candidate.parts]]
-    pick = np.zeros((len(groups), len(gram) - 1))
-    for row, group in zip(pick, groups):
-        row[group] = 1.0
-    return pick @ gram[:-1, :-1] @ pick.T, pick @ gram[:-1, -1]
-
-
 def _beside_base(gram, p):
     """Moments of all candidate columns, and theirs with the residual, beside what the base takes of them."""
     cross = gram[p:-1, :p] @ least_squares.invert(gram[:p, :p])[0]
@@ -92,9 +85,8 @@ def _beside_base(gram, p):
 
 def _free_fall(moments, moved, candidate):
     """What a candidate would take without any bounds, roughly: of its own columns alone, beside the base."""
-    own = np.array([[moments[np.ix_(one, other)].sum() for other in candidate.parts] for one in candidate.parts])
     left = np.array([moved[part].sum() for part in candidate.parts])
-    return float(left @ np.linalg.lstsq(own, left, rcond=1e-9)[0])
+    return float(left @ np.linalg.lstsq(summed(moments, candidate.parts), left, rcond=1e-9)[0])
 
 
 def tell(say, table):

@@ -262,15 +262,15 @@ class Scores:
         values, vectors = np.linalg.eigh((schur + schur.T) / (2 * np.outer(size, size)))
         root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0))
         noise = self.rng.standard_normal((self.draws, len(schur))) @ root.T
-        self._absorb, self._inflated = (base, inverse), {}
+        self._absorb = base, inverse
         rounded = self._rounded(slice(p, None), cross)
         if rounded.shape[1]:
             noise += (rounded * self.rng.choice([-1.0, 1.0], rounded.shape[1]))[:, self.rng.integers(
                 rounded.shape[1], size=self.draws)].T
         self.results, extremes = [], {}
         for candidate in self.candidates:
-            inner, d = _summed(schur, candidate.parts), len(candidate.parts)
-            if not self._visible(candidate, inner, _summed(gram[p:-1, p:-1], candidate.parts)):
+            inner, d = summed(schur, candidate.parts), len(candidate.parts)
+            if not self._visible(candidate, inner, summed(gram[p:-1, p:-1], candidate.parts)):
                 self.results.append(Score(candidate))
                 continue
             sided = d == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
@@ -419,12 +419,6 @@ class Scores:
         """Variance of a candidate's score with rounding counted, over the variance that noise alone gives it."""
         if not len(self.rounded[0]):
             return 1.0
-        key = tuple(map(tuple, candidate.parts))
-        if key not in self._inflated:
-            self._inflated[key] = self._worked_out(candidate)
-        return self._inflated[key]
-
-    def _worked_out(self, candidate):
         base, inverse = self._absorb
         columns = [self.p + np.array(part) for part in candidate.parts]
         cross = np.array([self.gram[np.ix_(c, base)].sum(0) for c in columns]) @ inverse
@@ -449,7 +443,7 @@ class Scores:
             Of the candidates, one after the other.
         """
         groups = [*[[k] for k in range(self.p)], *[self.p + np.array(part) for c in candidates for part in c.parts]]
-        a, b = _summed(self.gram, groups), np.array([self.gram[-1][g].sum() for g in groups])
+        a, b = summed(self.gram, groups), np.array([self.gram[-1][g].sum() for g in groups])
         with_them, x = bounded(a, b, *self._bounds(*candidates))
         if not hasattr(self, "_without"):
             self._without = bounded(a[:self.p, :self.p], b[:self.p], *self._bounds())[0]
@@ -500,12 +494,12 @@ class Scores:
         less.gram = turn @ self.gram @ turn.T
         less.gram[own], less.gram[:, own] = 0.0, 0.0
         base = [k for k in less._yielding() if k not in own]
-        less._absorb, less._inflated = (base, least_squares.invert(less.gram[np.ix_(base, base)])[0]), {}
+        less._absorb = base, least_squares.invert(less.gram[np.ix_(base, base)])[0]
         less.__dict__.pop("_without", None)
         less.results = []
         for score in self.results:
             rows = [self.p + np.array(part) for part in score.candidate.parts]
-            seen = less._visible(score.candidate, less._beside(rows, *less._absorb)[0], _summed(less.gram, rows))
+            seen = less._visible(score.candidate, less._beside(rows, *less._absorb)[0], summed(less.gram, rows))
             less.results.append(replace(score, visible=seen))
         return less
 
@@ -554,7 +548,7 @@ class Scores:
         """Moments of groups of rows, and theirs with the residual, beside what given rows explain of them."""
         cross = np.array([self.gram[np.ix_(g, given)].sum(0) for g in groups])
         moved = np.array([self.gram[g, -1].sum() for g in groups]) - cross @ (inverse @ self.gram[given, -1])
-        return _summed(self.gram, groups) - cross @ inverse @ cross.T, moved
+        return summed(self.gram, groups) - cross @ inverse @ cross.T, moved
 
     def beside(self, key):
         """Family-wise p-values of all candidates, with one of them in the model.
@@ -579,7 +573,7 @@ class Scores:
                 continue
             groups = [p + np.array(part) for part in candidate.parts]
             inner, moved = self._beside(groups, given, inverse)
-            if np.min(np.diag(inner) / np.diag(_summed(self.gram, groups))) < SHADOW:
+            if np.min(np.diag(inner) / np.diag(summed(self.gram, groups))) < SHADOW:
                 value = 0.0
             else:
                 value = float(moved @ np.linalg.lstsq(inner, moved, rcond=1e-9)[0])
@@ -634,8 +628,21 @@ class Scores:
         return float(np.quantile(self.largest[scanned], 1 - within)) if len(self.largest[scanned]) else 0.0
 
 
-def _summed(matrix, groups):
-    """Rows and columns of a symmetric matrix, summed group by group."""
+def summed(matrix, groups):
+    """Rows and columns of a symmetric matrix, summed group by group.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, n)
+        Moments of columns.
+    groups : list of sequence of int
+        Columns of each sum.
+
+    Returns
+    -------
+    ndarray, shape (groups, groups)
+        Moments of the sums.
+    """
     picked, first = np.concatenate(groups), np.cumsum([0, *map(len, groups)])[:-1]
     rows = np.add.reduceat(matrix[picked[:, None], picked], first, axis=0)
     return np.add.reduceat(rows, first, axis=1).T

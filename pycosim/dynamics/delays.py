@@ -136,7 +136,7 @@ class Clock:
 
     def __init__(self, time, run):
         self.time, self.run = time, run
-        self.logs = [np.flatnonzero(run == k) for k in np.unique(run)]
+        self.logs = _logs(run)
         self._known, self._last = {}, (None, None, None)
 
     def at(self, later, some):
@@ -164,10 +164,10 @@ class Clock:
         before, since = np.empty(len(time), dtype=int), np.empty(len(time))
         for log in self.logs:
             own = self.time[log]
-            wanted = slice(None) if len(self.logs) == 1 else run == self.run[log[0]]
+            wanted = slice(None) if len(self.logs) == 1 else run == self.run[log.start]
             then = np.clip(time[wanted] + later, own[0], own[-1])
             k = np.searchsorted(own, then, side="right") - 1
-            before[wanted], since[wanted] = log[k], then - own[k]
+            before[wanted], since[wanted] = log.start + k, then - own[k]
         return before, since
 
 
@@ -187,10 +187,10 @@ class Record:
         self.pieces = np.zeros((4, len(values)))  # of a cubic after each sample, highest power first
         self.pieces[3] = values
         for log in clock.logs:
-            if len(log) >= _LEAST:
+            if log.stop - log.start >= _LEAST:
                 spline = CubicSpline(clock.time[log], values[log])
-                self.pieces[:, log[:-1]] = spline.c
-                self.pieces[2, log[-1]] = spline(clock.time[log[-1]], 1)
+                self.pieces[:, log.start:log.stop - 1] = spline.c
+                self.pieces[2, log.stop - 1] = spline(clock.time[log.stop - 1], 1)
         self._known = {}
 
     def at(self, later, some=slice(None)):

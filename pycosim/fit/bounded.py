@@ -19,12 +19,12 @@ def _pressed(a, b, low, high):
         x = np.where(held < 0, low, np.where(held > 0, high, 0.0))
         if free.any():
             try:
-                factor = cho_factor(a if free.all() else a[np.ix_(free, free)], check_finite=False)
+                factor = cho_factor(a[np.ix_(free, free)])
             except LinAlgError:
                 return None
             if np.diag(factor[0]).min() < math.sqrt(NULL):
                 return None
-            x[free] = cho_solve(factor, b[free] - a[np.ix_(free, ~free)] @ x[~free], check_finite=False)
+            x[free] = cho_solve(factor, b[free] - a[np.ix_(free, ~free)] @ x[~free])
         out = np.where(x < low, -1, np.where(x > high, 1, 0)) * free
         if not out.any():
             slope = b - a @ x  # uphill must point out of the bounds
