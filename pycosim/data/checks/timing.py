@@ -344,15 +344,18 @@ class Timing:
             return False
         if self._ageing(holds) < math.log(_AGED):
             return False
-        return self._everywhere(names, drift, holds) and self._later(names, drift)
+        return self._everywhere(names, drift, holds) and self._later(names, drift, holds)
 
-    def _later(self, names, drift):
+    def _later(self, names, drift, drifted):
         """Whether stretches of the log come the later the longer it lasts, by about as much as a drift says.
 
-        What is late by the same all the time, and what looks late for a torque that is missing, has no order in time.
+        What is late by the same all the time, and what looks late for a torque that is missing, has no order in time;
+        and where chance brings one in, the stretches lie no closer together beside the drift.
         """
         times, lags = self._lags(names, 0.0, 0.0, self.fitted(names, 0.0, 0.0)[1])
         if np.ptp(times) == 0.0 or np.ptp(lags) == 0.0:
+            return False
+        if _scatter(lags) <= _scatter(self._lags(names, 0.0, drift, drifted)[1]):
             return False
         order = kendalltau(times, lags, alternative="greater" if drift > 0 else "less")
         slope = theilslopes(lags, times).slope / drift
@@ -439,6 +442,11 @@ def _without(agreement, slopes, time):
     size = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
     x = np.linalg.lstsq(a / size, target[:, used].ravel(), rcond=1e-9)[0] / size
     return (target - np.einsum("kij,i->kj", columns, x)) / weight[:, None]
+
+
+def _scatter(values):
+    """Mean distance from the median."""
+    return float(np.mean(np.abs(values - np.median(values))))
 
 
 def _independent(agreement):
