@@ -16,7 +16,7 @@ from ..core.errors import ModelicaError, UnknownNameError, closest
 PARTNER = "partner"  # connector that goes to the other component of a pair
 # keys that an annotation __pycosim can have: of an effect, of a rig or an example, of a component
 EFFECT_KEYS = ("size", "scan", "needs", "experiment", "replaces", "refines", "place", "measured", "means", "links",
-               "by_name")
+               "by_name", "of")
 RIG_KEYS = ("places", "joined", "channels", "load", "sensor", "encoders", "estimate", "balance", "compensate",
             "gravity_model", "simulate", "axis")
 COMPONENT_KEYS = ("links", "gravity", "tilt")
@@ -76,6 +76,8 @@ class Effect:
         What Modelica says of the class, which sentences of a diagnosis go on with.
     by_name : str
         Why it is added by name alone and stands in no ranking; empty for a candidate.
+    of_load_model : bool
+        Whether it is an error of the model of the load that a reference is computed with.
     """
 
     id: str
@@ -92,6 +94,7 @@ class Effect:
     channel: bool = False
     description: str = ""
     by_name: str = ""
+    of_load_model: bool = False
 
     @property
     def phases(self):
@@ -368,7 +371,7 @@ def _effects(library):
             tuple(notes.get("size", "").split()), scan, notes.get("replaces", ""),
             notes.get("place") == "system", notes.get("refines", ""),
             {n: units.get(n, "1") for n in notes.get("measured", "").split()}, means, notes.get("place") == "channels",
-            (node.comment or "").strip('"'), notes.get("by_name", ""))
+            (node.comment or "").strip('"'), notes.get("by_name", ""), notes.get("of") == "load_model")
         yield effect.id, effect
 
 

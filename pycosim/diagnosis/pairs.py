@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..compile import compile_model, component_name
+from ..compile import compile_model, component_name, ranked
 from ..core.errors import PycosimError
 from ..fit import least_squares
 from .crossval import gap, select
@@ -23,6 +23,9 @@ from .trials import TRIAL, holds_nothing, measure, no_effect, nudged, start_of
 
 APART = 0.02
 """Of what one effect changes, that must be left beside the other: two that are nearly one have no size of their own."""
+DOUBTED = 0.1
+"""Of a computed reference, that is put down to the model of the load without more ado: a mass, or where it is, is known
+to some per cent, and the zero of a joint to some degrees."""
 REFITS = 8  # pairs that are fitted
 ALIKE = 3  # pairs of the same two effects, at other places, that are tried
 
@@ -49,6 +52,8 @@ class Pair:
         One of either effect.
     clear : bool
         Whether it does better than the one effect that it may be in the place of, by more than luck of so many pairs.
+    doubted : bool
+        Whether it does as well for a small error of the model of the load, which is one of the two.
     common : set of (str, str)
         Of its effects, those that all pairs have that unseen folds cannot tell from it.
     """
@@ -63,6 +68,7 @@ class Pair:
     selection: object = None
     findings: list = field(default_factory=list)
     clear: bool = False
+    doubted: bool = False
     common: set = field(default_factory=set)
 
     @property
@@ -121,7 +127,8 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
 
     They are looked for where the winner is in the model: from there on the branches of friction are the right ones, and
     what each pair would do in its place is told by the moments of the fit with it. A pair may have one coefficient more
-    where it takes more by what outdoes an effect.
+    where it takes more by what outdoes an effect; or where that is of a small error of the model of the load that the
+    reference is computed with, as no such model is right to the last per cent.
 
     Parameters
     ----------
@@ -145,8 +152,9 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     Returns
     -------
     list of Pair
-        With ``clear`` where both effects are more than chance, and do better by more than the luck of so many pairs.
-        Without those that are better for the sake of one of their two, beside which the winner outdoes the other.
+        With ``clear`` where both effects are more than chance, and do better by more than the luck of so many pairs,
+        and ``doubted`` where one is an error of the load's model and the other no alternative of the winner. Without
+        those that are better for the sake of one of their two, beside which the winner outdoes the other.
     """
     here = dataset.sliding(without).settled(without, lacking.parameters)
     larger = compile_model(dataset.library, without.rig, [*without.keys, winner.key])
@@ -157,10 +165,14 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     less, luck = scores.lacking(own), _luck(len(scores.results))
     takes = less.left() - scores.left()
     least = {len(own): takes - 2.0 * SEPARATE ** 2, len(own) + 1: takes + luck + 2.0}
-    some = likely(less, REFITS, least)
+    some = {frozenset(p.keys): p for p in likely(less, REFITS, least)}
+    for pair in _with_load(dataset, less, winner, {len(own) + 1: least[len(own)] + 2.0}):
+        some.setdefault(frozenset(pair.keys), pair).doubted = True
     alone = select(here, without, lacking, noise)
-    found = _refitted(here, without, winner.fit, lacking, some, noise, alone, progress)
+    found = _refitted(here, without, winner.fit, lacking, [*some.values()], noise, alone, progress)
     found = [p for p in found if _as_well(p.selection, winner.selection)]
+    for pair in (p for p in found if p.doubted):
+        pair.doubted = _little_of_load(here, pair)
     if clear := [p for p in found if _outdoes(p, winner, luck)]:
         table = Table(here, without, lacking)
         _tell(Scores(table, seed), table, alone, found)
@@ -293,7 +305,25 @@ def instead(near, finding, other):
     return finding.twins + [{"effect": e, "place": p} for e, p in dict.fromkeys(f.key for f in by_kind(new))]
 
 
-def likely(scores, most, least=None):
+def _with_load(dataset, scores, winner, least):
+    """The pairs that may do as well as a winner and its alternatives, of an error of the load's model and another."""
+    errors = {e.id for e in ranked(dataset.library) if e.of_load_model and dataset.study.reference == "gravity_model"}
+    named = {winner.key, *((t["effect"], t["place"]) for t in winner.twins)}
+    return likely(scores, REFITS, least, errors, named) if errors and winner.effect not in errors else []
+
+
+def _little_of_load(dataset, pair):
+    """Whether the error of the load's model in a pair changes no more of a channel than such models are off by."""
+    sizes = {n: v.value for effect, place in pair.model.attached[-2:] if effect.of_load_model
+             for n, v in pair.model.parameters.items() if n.startswith(f"{component_name(effect, place)}.")}
+    problem = dataset.residuals(pair.model, pair.fit.free, pair.fit.parameters, "fit")
+    without = [sizes.get(n, v) for n, v in zip(pair.fit.free, pair.fit.values)]
+    changed = problem.residual(pair.fit.values) - problem.residual(np.array(without))
+    load = np.array([dataset.reference(c)[dataset.view("fit")] for c in dataset.outputs])
+    return bool(((changed ** 2).sum(1) <= DOUBTED ** 2 * (load ** 2).sum(1)).all())
+
+
+def likely(scores, most, least=None, errors=None, named=()):
     """The pairs that explain most together, each at its best grid points.
 
     Parameters
@@ -304,6 +334,10 @@ def likely(scores, most, least=None):
         Pairs that are wanted.
     least : dict of int to float, optional
         By the coefficients that a pair may have at most, what it must take at least; any pair by default.
+    errors : set of str, optional
+        Effects of which one is in each pair, with another beside it; any two by default.
+    named : collection of (str, str)
+        Effects and places that are not that other.
 
     Returns
     -------
@@ -316,9 +350,11 @@ def likely(scores, most, least=None):
     if len(candidates) < 2:
         return []
     first, cross, size = _whitened(scores, candidates)
-    best = {}
+    best, barred = {}, [bool(errors) and (c.effect.id in errors or c.key in named) for c in candidates]
     for k, candidate in enumerate(candidates):
-        taken = _taken(first, cross, size, k)
+        if errors and candidate.effect.id not in errors:
+            continue
+        taken = np.where(barred, -np.inf, _taken(first, cross, size, k))
         for other in np.argsort(-taken)[:4 * most]:
             keys = frozenset((candidate.key, candidates[other].key))
             if np.isfinite(taken[other]) and taken[other] > best.get(keys, (0.0,))[0] and _apart(

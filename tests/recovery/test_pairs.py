@@ -154,6 +154,31 @@ def test_two_in_the_place_of_one_are_told_beside_what_the_base_takes_without_it(
         set(pair.keys) for pair in pairs.likely(less, 8, {2: 0.98 * (less.left() - scores.left())})]
 
 
+@pytest.mark.long
+def test_a_computed_reference_may_be_off_by_a_little_in_the_place_of_a_name(tmp_path, monkeypatch):
+    """The thigh's centre of mass is 5 % off, and an offset of one motor was an asymmetry at the other."""
+    data = Dataset(load_study(make("reference_centre:torque_offset:1.3:216000023", tmp_path, quick=True)), Library())
+    base = step_of(data, data.base, least_squares.fit(data, data.base))
+    model = compile_model(data.library, data.base.rig, [("direction_asymmetry", "2A")])
+    found = least_squares.fit(data, model, {"direction_asymmetry_2A.a": -0.1})
+    noise, here = base.fit.noise, data.settled(base.model, base.fit.parameters)
+    winner = Finding("direction_asymmetry", "2A", fit=found, twins=[{"effect": "torque_offset", "place": "motor2"}])
+    winner.selection = select(here, model, found, noise, select(here, base.model, base.fit, noise))
+    scores = Scores(Table(data.sliding(model), model, found))
+
+    def doubted():
+        some = pairs.doubles(data, base.model, base.fit, winner, noise, scores, 0, None)
+        return [set(p.keys) for p in some if p.doubted]
+
+    assert {("torque_offset", "motor1"), ("reference_mass", "thigh")} in doubted()
+    assert not any(("torque_offset", "motor2") in pair for pair in doubted()), "that is an alternative already"
+    monkeypatch.setattr(pairs, "DOUBTED", 1e-4)
+    assert not doubted(), "an error of a mass that large is no small one"
+    monkeypatch.undo()
+    data.study = replace(data.study, reference="sensor")
+    assert not doubted(), "a sensor knows of no mass"
+
+
 @pytest.mark.slow
 def test_effects_that_hide_one_another_are_found_together(tmp_path):
     """No effect by itself has one coefficient here: one after the other they were `unexplained`."""
