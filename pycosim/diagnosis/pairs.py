@@ -153,7 +153,7 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     -------
     list of Pair
         With ``clear`` where both effects are more than chance, and do better by more than the luck of so many pairs,
-        and ``doubted`` where one is an error of the load's model and neither an alternative of the winner. Without
+        and ``doubted`` where one is an error of the load's model and the other no alternative of the winner. Without
         those that are better for the sake of one of their two, beside which the winner outdoes the other.
     """
     here = dataset.sliding(without).settled(without, lacking.parameters)
@@ -306,10 +306,13 @@ def instead(near, finding, other):
 
 
 def _with_load(dataset, scores, winner, least):
-    """The pairs that may do as well as a winner and its alternatives, of an error of the load's model and another."""
+    """The pairs that may do as well as a winner and its alternatives, of an error of the load's model and another.
+
+    None where such an error by itself is among those: then it is told.
+    """
     errors = {e.id for e in ranked(dataset.library) if e.of_load_model and dataset.study.reference == "gravity_model"}
-    named = {winner.key, *((t["effect"], t["place"]) for t in winner.twins)}
-    return likely(scores, REFITS, least, errors, named) if errors and winner.effect not in errors else []
+    named = [winner.key, *((t["effect"], t["place"]) for t in winner.twins)]
+    return likely(scores, REFITS, least, errors, named) if errors and errors.isdisjoint(e for e, _ in named) else []
 
 
 def _little_of_load(dataset, pair):
@@ -337,7 +340,7 @@ def likely(scores, most, least=None, errors=None, named=()):
     errors : set of str, optional
         Effects of which one is in each pair, with another beside it; any two by default.
     named : collection of (str, str)
-        Effects and places that are in none.
+        Effects and places that are not that other.
 
     Returns
     -------
@@ -352,7 +355,7 @@ def likely(scores, most, least=None, errors=None, named=()):
     first, cross, size = _whitened(scores, candidates)
     best, barred = {}, [bool(errors) and (c.effect.id in errors or c.key in named) for c in candidates]
     for k, candidate in enumerate(candidates):
-        if errors and (candidate.effect.id not in errors or candidate.key in named):
+        if errors and candidate.effect.id not in errors:
             continue
         taken = np.where(barred, -np.inf, _taken(first, cross, size, k))
         for other in np.argsort(-taken)[:4 * most]:
