@@ -361,22 +361,28 @@ def _named(dataset, steps, noise, known, progress):
 
     Those of steps that had too many are told anew, beside the others.
     """
-    base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     refines = corrections(dataset.library)
     for step in [s for s in steps[known:] if _nameless(s, refines)]:
-        rest = [*base.keys, *(s.added for s in steps[1:] if s is not step)]
-        without = compile_model(dataset.library, base.rig, rest)
-        here, full = fulls.beside(without)
-        lacking = least_squares.fit(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
-        alone, twins = select(here, without, lacking, noise, full), []
-        for twin in (t for t in step.finding.twins if (t["effect"], t["place"]) not in rest):
-            if progress:
-                progress(f"refitting with {twin['effect']} at {twin['place']} beside what was found")
-            one = pairs.beside(here, without, lacking.parameters, (twin["effect"], twin["place"]), noise, full)
-            if one is not None and alike(alone, one, full):
-                twins.append(twin)
+        twins = _good_beside(dataset, steps, step, step.finding.twins, noise, progress)
         step.finding = replace(step.finding, twins=twins)
     return next((k for k, s in enumerate(steps) if k >= known and _nameless(s, refines)), len(steps))
+
+
+def _good_beside(dataset, steps, step, twins, noise, progress):
+    """Of what may be an effect's alternatives, those that do as well in its place beside the others of a ladder."""
+    base = steps[0].model
+    rest = [*base.keys, *(s.added for s in steps[1:] if s is not step)]
+    without = compile_model(dataset.library, base.rig, rest)
+    here, full = _Selections(dataset, steps[-1], noise).beside(without)
+    lacking = least_squares.fit(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
+    alone, found = select(here, without, lacking, noise, full), []
+    for twin in (t for t in twins if (t["effect"], t["place"]) not in (*rest, step.added)):
+        if progress:
+            progress(f"refitting with {twin['effect']} at {twin['place']} beside what was found")
+        one = pairs.beside(here, without, lacking.parameters, (twin["effect"], twin["place"]), noise, full)
+        if one is not None and alike(alone, one, full):
+            found.append(twin)
+    return found
 
 
 def _nameless(step, refines):
@@ -609,6 +615,7 @@ def _doubled(dataset, steps, found, seed, progress):
     pair = next((p for p in some if p.clear), None)
     path, last = (None, None) if pair is None else _followed(dataset, steps, pair, seed, progress)
     if path is not None:
+        _tell_as_winner(dataset, path, path[len(steps):], winner, last.noise, progress)
         if _named(dataset, path, last.noise, len(steps), progress) == len(path) and pair.common == {*pair.keys}:
             return path, last
         refines = corrections(dataset.library)
@@ -620,6 +627,20 @@ def _doubled(dataset, steps, found, seed, progress):
     if equal := [p.keys for p in some if p.doubted or len(p.fit.free) <= len(winner.fit.free)]:
         found.contest(equal[:SHOWN])
     return None, None
+
+
+def _tell_as_winner(dataset, path, added, winner, noise, progress):
+    """Give an effect that the winner could not be told from, those as alternatives that do as well beside the others.
+
+    Few pairs of the same two effects are fitted, and the place that one of them comes with is the luck of that.
+    """
+    known = [{"effect": winner.effect, "place": winner.place}, *winner.twins]
+    for step in added:
+        told = [step.added, *((t["effect"], t["place"]) for t in step.finding.twins)]
+        if step.added in [(t["effect"], t["place"]) for t in known]:
+            new = [t for t in known if (t["effect"], t["place"]) not in told]
+            twins = step.finding.twins + _good_beside(dataset, path, step, new, noise, progress)
+            step.finding = replace(step.finding, twins=twins)
 
 
 def _together(dataset, steps, seed, progress):
