@@ -179,6 +179,18 @@ def test_a_computed_reference_may_be_off_by_a_little_in_the_place_of_a_name(tmp_
     assert not doubted(), "a sensor knows of no mass"
 
 
+def test_where_two_take_the_place_of_one_the_places_that_it_could_not_be_told_at_stay(monkeypatch):
+    """Few pairs of the same two effects are fitted: the place that one comes with is not the only one."""
+    winner = Finding("stribeck", "2B", twins=[{"effect": "stribeck", "place": p} for p in ("1B+2B", "1B")])
+    one, other = Finding("stribeck", "1B"), Finding("reference_mass", "thigh")
+    path = [search.Step(f and f.key, None, None, {}, {}, f) for f in (None, one, other)]
+    asked = []
+    monkeypatch.setattr(search, "_good_beside", lambda *given: asked.append(given[3]) or given[3][:1])
+    search._tell_as_winner(None, path, path[1:], winner, None, None)
+    assert asked == [[{"effect": "stribeck", "place": p} for p in ("2B", "1B+2B")]], "the mass is no alternative"
+    assert path[1].finding.twins == [{"effect": "stribeck", "place": "2B"}] and not path[2].finding.twins
+
+
 @pytest.mark.slow
 def test_effects_that_hide_one_another_are_found_together(tmp_path):
     """No effect by itself has one coefficient here: one after the other they were `unexplained`."""
