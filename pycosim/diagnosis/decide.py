@@ -113,7 +113,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     hidden = undetectable(table, scores)
     floor = noise_floor(dataset, model, fit)
     wandering, beats = slow(dataset, model, fit), rhythms(dataset, model, fit)
-    between = any(_much_between(base, f, chosen) for f in rivals)
+    between = any(_much_between(base, f) for f in rivals)
     verdict = _verdict(findings, alarm or between or bool(wandering or beats), hidden, dataset, model.attached)
     winner, provisional = (chosen if chosen and chosen.accepted else None), (
         chosen if chosen and chosen.provisional else None)
@@ -353,15 +353,11 @@ def _predicts(base, own):
     return fall > spread and shares[np.argmax(np.abs(shares))] > 0
 
 
-def _much_between(base, finding, chosen):
-    """Whether so much is over between two samples that what does it is missing, although none of what may is a name.
-
-    Where what is chosen predicts as much, it may be that: a hysteresis without a travel is an asymmetry.
-    """
+def _much_between(base, finding):
+    """Whether so much is over between two samples that what does it is missing, although none of what may is a name."""
     own = finding.selection.channels
     return bool(finding.refused == BETWEEN and finding.p_value < LEVEL and _predicts(base.channels, own)
-                and _shares(base.channels, own).max() >= TURNS
-                and (chosen is None or "white" in behind(chosen.selection, finding.selection)))
+                and _shares(base.channels, own).max() >= TURNS)
 
 
 def _verdict(findings, alarm, hidden, dataset, attached):

@@ -165,14 +165,12 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     less, luck = scores.lacking(own), _luck(len(scores.results))
     takes = less.left() - scores.left()
     least = {len(own): takes - 2.0 * SEPARATE ** 2, len(own) + 1: takes + luck + 2.0}
-    some = {frozenset(p.keys): p for p in likely(less, REFITS, least)}
-    for pair in _with_load(dataset, less, winner, {len(own) + 1: least[len(own)] + 2.0}):
-        some.setdefault(frozenset(pair.keys), pair).doubted = True
+    some = _with_load(dataset, less, winner, likely(less, REFITS, least), {len(own) + 1: least[len(own)] + 2.0})
     alone = select(here, without, lacking, noise)
-    found = _refitted(here, without, winner.fit, lacking, [*some.values()], noise, alone, progress)
+    found = _refitted(here, without, winner.fit, lacking, some, noise, alone, progress)
     found = [p for p in found if _as_well(p.selection, winner.selection)]
-    for pair in (p for p in found if p.doubted):
-        pair.doubted = _little_of_load(here, pair)
+    for pair in found:
+        pair.doubted = pair.doubted and _little_of_load(here, pair)
     if clear := [p for p in found if _outdoes(p, winner, luck)]:
         table = Table(here, without, lacking)
         _tell(Scores(table, seed), table, alone, found)
@@ -305,14 +303,18 @@ def instead(near, finding, other):
     return finding.twins + [{"effect": e, "place": p} for e, p in dict.fromkeys(f.key for f in by_kind(new))]
 
 
-def _with_load(dataset, scores, winner, least):
-    """The pairs that may do as well as a winner and its alternatives, of an error of the load's model and another.
+def _with_load(dataset, scores, winner, some, least):
+    """Pairs, and those that may do as well as a winner and its alternatives for an error of the load's model.
 
-    None where such an error by itself is among those: then it is told.
+    None more where such an error by itself is among those: then it is told.
     """
     errors = {e.id for e in ranked(dataset.library) if e.of_load_model and dataset.study.reference == "gravity_model"}
     named = [winner.key, *((t["effect"], t["place"]) for t in winner.twins)]
-    return likely(scores, REFITS, least, errors, named) if errors and errors.isdisjoint(e for e, _ in named) else []
+    found = {frozenset(p.keys): p for p in some}
+    if errors and errors.isdisjoint(e for e, _ in named):
+        for pair in likely(scores, REFITS, least, errors, named):
+            found.setdefault(frozenset(pair.keys), pair).doubted = True
+    return [*found.values()]
 
 
 def _little_of_load(dataset, pair):

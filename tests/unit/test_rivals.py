@@ -10,10 +10,10 @@ from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.scatter import _carried, noise_level
 from pycosim.diagnosis.crossval import Selection, _cross_validate, _predictive, difference, gap
-from pycosim.diagnosis.decide import _considered, _decide, _much_between
+from pycosim.diagnosis.decide import _considered, _decide
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.rivals import BESIDE, CONTESTED, KINDS, alike, by_kind, too_many
-from pycosim.diagnosis.trials import BETWEEN, pressed
+from pycosim.diagnosis.trials import pressed
 from pycosim.fit.bounded import bounded
 from pycosim.fit.least_squares import Fit
 
@@ -94,16 +94,6 @@ def test_blocks_in_which_rivals_say_the_same_do_not_make_them_alike():
 def test_rivals_that_are_one_model_differ_by_nothing():
     one = residual_of(np.random.default_rng(2).standard_normal(BLOCKS * EACH))
     assert gap(one, one, "white") == (0.0, 0.0) == gap(one, one, "raw")
-
-
-@pytest.mark.parametrize(("left", "alone"), [(None, True), (0.0, False), (0.9, False), (1.5, True)])
-def test_what_is_over_between_two_samples_is_missing_unless_what_is_chosen_predicts_as_much(left, alone):
-    rng = np.random.default_rng(1)
-    shape, noise = rng.standard_normal((2, BLOCKS * EACH))
-    base, own = (residual_of(noise + size * shape) for size in (2.0, 0.9))
-    chosen = None if left is None else Finding("direction_asymmetry", "2B", selection=residual_of(noise + left * shape))
-    finding = Finding("load_hysteresis", "1B", p_value=0.001, refused=BETWEEN, selection=own)
-    assert _much_between(base, finding, chosen) is alone
 
 
 def test_what_is_over_between_two_samples_is_told_and_not_counted():
