@@ -14,7 +14,7 @@ class Finding:
     twins : list of dict
         Candidates that these data cannot tell from it, each with ``effect`` and ``place``.
     together : list of list of dict
-        Pairs of others that do as well, with as many coefficients.
+        Pairs of others that do as well, with as many coefficients, or with a small error of the load's model.
     uncounted : set of (str, str)
         Twins that are over between two samples: each may be what it is, and none is a name of its own.
     contested : bool
@@ -137,12 +137,12 @@ class Diagnosis:
 
         Parameters
         ----------
-        pairs : list of ((str, str), (str, str))
-            Effect and place of either.
+        pairs : list of list of dict
+            Either with ``effect`` and ``place``, and ``small`` if it is a small error of the load's model.
         """
         best = self.winner
         best.accepted, best.provisional, best.contested = False, True, True
-        best.together = [[{"effect": e, "place": p} for e, p in pair] for pair in pairs]
+        best.together = pairs
         for own in self.channels.values():
             own["verdict"] = "unexplained" if own["verdict"] == "missing_effect" else own["verdict"]
         self.verdict = "unexplained"

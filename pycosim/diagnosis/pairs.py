@@ -77,6 +77,12 @@ class Pair:
         return tuple(c.key for c in self.candidates)
 
     @property
+    def told(self):
+        """Either as the diagnosis tells it: ``effect``, ``place``, and ``small`` if it is a small error of the load."""
+        return [{"effect": e.id, "place": p.name} | ({"small": True} if self.doubted and e.of_load_model else {})
+                for e, p in self.model.attached[-2:]]
+
+    @property
     def size(self):
         """Coefficients of both, those of their grids with them."""
         return sum(map(_size, self.candidates))

@@ -622,9 +622,9 @@ def _doubled(dataset, steps, found, seed, progress):
         if sure := [s for s in path[len(steps):] if s.added in pair.common and not _nameless(s, refines)]:
             path = _ladder(dataset, steps[0], [*steps[1:], *sure])
             return path, diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
-        found.contest([p.keys for p in some if p.clear][:SHOWN])
+        found.contest([p.told for p in some if p.clear][:SHOWN])
         return None, None
-    if equal := [p.keys for p in some if p.doubted or len(p.fit.free) <= len(winner.fit.free)]:
+    if equal := [p.told for p in some if p.doubted or len(p.fit.free) <= len(winner.fit.free)]:
         found.contest(equal[:SHOWN])
     return None, None
 

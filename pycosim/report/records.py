@@ -129,7 +129,7 @@ def diagnosis(found, dataset):
         ``varies_with``, what the coefficient of one that stands in for another law differs over, and
         ``outweighed_by``, what explains much of what it leaves; ``contested``, one that is not added because
         more than five others, or two at once, do as well; ``together``, such pairs, which do better or have no more
-        coefficients;
+        coefficients, or of which one is ``small``: an error of the load's model as such models have;
         ``between``, whether something is missing that is over between two samples; ``channels``, what each says for
         itself; the cards of `cards`, what the log varies, and where an unexplained residual lives.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..diagnosis.compare import worded
 from ..diagnosis.decide import TOO_FEW
 from ..diagnosis.dependence import ALARM, RARE
 from ..diagnosis.first_look import WORTH
+from ..diagnosis.pairs import DOUBTED
 from ..diagnosis.remainder import HELD_OUT, SLOW, WANDERS
 from ..diagnosis.scores import LEVEL
 from ..diagnosis.trials import BETWEEN
@@ -577,6 +579,9 @@ def _contested(result, final):
              f"Error with {'the first of them' if not best.get('together') else _names([best])[0]}, predicted: "
              f"{change_text(result['error'], best['predicted_error'], result['units'])}. Where you know which, or "
              f"any will do, 'pycosim add STUDY {best['effect']}@{best['place']}' adds it."]
+    if small := dict.fromkeys(p["effect"] for p in _small(best)):
+        lines.append("Where masses, their centres and the zeros of the joints are known better than that, say so: "
+                     f"[data] rejected = {json.dumps([*small])}.")
     return lines + ([f"To tell them apart, {best['experiment']}."] if best["experiment"] else [])
 
 
@@ -596,9 +601,18 @@ def equals(best):
     some = joined(_names([best, *best["twins"]]))
     if best.get("together"):
         two = joined([" with ".join(_names(pair)) for pair in best["together"]])
-        return f"two effects at once explain it no worse than one: {two}; the one is {some}"
+        if small := dict.fromkeys(_names(_small(best))):
+            least = f"less than {100 * DOUBTED:g} %"
+            two += f", where {joined(small)} would be an error of {least} in the model of the load"
+        one = f"any of {some}" if best["twins"] else some
+        return f"two effects at once explain it no worse than one: {two}; the one is {one}"
     kinds = {c["effect"] for c in [best, *best["twins"]]}
     return f"{len(kinds)} effects of the library explain it equally well, too many to name one: {some}"
+
+
+def _small(best):
+    """Errors of the load's model, as such models have, beside which another effect does as well as the best one."""
+    return [p for pair in best.get("together", ()) for p in pair if p.get("small")]
 
 
 def certainty_of_unknown(result):

@@ -429,6 +429,23 @@ def test_a_candidate_that_chance_does_not_explain_and_that_is_none_says_why():
     assert "p = 0.4 family-wise." in sentences.summary_diagnosis(result)[0]
 
 
+def test_a_small_error_of_the_load_is_told_as_one_with_what_rules_it_out():
+    mass = {"effect": "reference_mass", "place": "thigh", "small": True}
+    best = {"effect": "torque_offset", "place": "motor1", "p_value": 0.001, "contested": True, "experiment": "",
+            "predicted_error": {"C": 0.9}, "twins": [{"effect": "direction_asymmetry", "place": "1A"}],
+            "together": [[mass, {"effect": "torque_offset", "place": "motor2"}]]}
+    result = {"candidates": [best], "error": {"C": 1.0}, "noise_floor": {"C": 0.8}, "units": {"C": "N.m"},
+              "verdict": "unexplained", "undetectable": [], "smallest_detectable": [], "channels": {},
+              "residual_depends_on": [], "between": False}
+    told = " ".join(sentences.summary_diagnosis(result))
+    assert ("reference_mass at thigh with torque_offset at motor2, where reference_mass at thigh would be an error of "
+            "less than 5 % in the model of the load; the one is any of torque_offset at motor1 and") in told
+    assert '[data] rejected = ["reference_mass"]' in told
+    del mass["small"]
+    told = " ".join(sentences.summary_diagnosis(result))
+    assert "in the model of the load" not in told and "rejected" not in told
+
+
 @pytest.mark.parametrize("share, told", [(-0.997, "-99.7"), (0.0213, "+2.1"), (1.0, "+100"), (12.34, "+1234")])
 def test_a_share_is_told_in_percent_without_a_power_of_ten(share, told):
     assert sentences.percent(share, "+") == told
