@@ -9,6 +9,9 @@ import numpy as np
 from ..core.errors import DataError
 from .derivatives import derivatives, passed_on
 
+KEPT = 200_000
+"""Samples of all logs up to which the curves behind an angle are kept, a hundred bytes and more a sample: a search asks
+for them at each look at rounding, which took 7 % of its time."""
 SPEEDS = {"phi": "w", "s": "v"}  # of a rotating and of a sliding component: position and speed
 
 
@@ -121,6 +124,8 @@ class Motion:
             Takes angle and speed, ndarrays of shape (n,); gives a dict of str to ndarray, shape (n,), the angle and
             its first and second derivative by their names.
         """
+        if ("passed on", angle, share) in self._memo:
+            return self._memo["passed on", angle, share]
         parts = [(self.run == k, passed_on(self.time[self.run == k], share * band, trust))
                  for (name, k), (band, trust) in self._followed.items() if name == angle and band > 0]
         names = angle, f"der({angle})", f"der(der({angle}))"
@@ -131,6 +136,9 @@ class Motion:
                 for name, values in zip(names, follow(of_angle[part], of_speed[part])):
                     found[name][part] = values
             return found
+
+        if len(self.time) <= KEPT:
+            self._memo["passed on", angle, share] = derived
         return derived
 
     def calm(self, angle, share):
