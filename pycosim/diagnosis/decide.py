@@ -29,7 +29,7 @@ from .rhythm import rhythms
 from .rivals import SURELY, behind, by_kind, plainly_better, too_many, twins
 from .scores import LEVEL, Scores
 from .table import Table
-from .trials import BETWEEN, as_findings, fit_to_all, pressed, refit_best
+from .trials import BETWEEN, HALF, as_findings, fit_to_all, pressed, refit_best, turned
 
 TOO_FEW = "there are too few passes to see whether it predicts one that it was not fitted to"
 NOTHING = "its interval holds zero, so that something else is at work"
@@ -113,8 +113,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     hidden = undetectable(table, scores)
     floor = noise_floor(dataset, model, fit)
     wandering, beats = slow(dataset, model, fit), rhythms(dataset, model, fit)
-    between = any(_much_between(base, f) for f in rivals)
-    verdict = _verdict(findings, alarm or between or bool(wandering or beats), hidden, dataset, model.attached)
+    brief = [f for f in rivals if _much_between(base, f)]
+    verdict = _verdict(findings, alarm or bool(brief or wandering or beats), hidden, dataset, model.attached)
     winner, provisional = (chosen if chosen and chosen.accepted else None), (
         chosen if chosen and chosen.provisional else None)
     held_out = errors(dataset, model, fit, "test") if dataset.is_test.any() else {}
@@ -122,7 +122,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     unknown = verdict == "unexplained" and not dataset.averaged and not any(f.contested for f in findings)
     found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single,
                       smallest(scores, LEVEL, MATTERS), varied(table), None, channels,
-                      partial(unexplained, table, depends, floor) if unknown else None, between=between)
+                      partial(unexplained, table, depends, floor) if unknown else None,
+                      between=any(_soon(dataset, (model, fit), f) for f in brief))
     return found.finish() if finished else found
 
 
@@ -358,6 +359,20 @@ def _much_between(base, finding):
     own = finding.selection.channels
     return bool(finding.refused == BETWEEN and finding.p_value < LEVEL and _predicts(base.channels, own)
                 and _shares(base.channels, own).max() >= TURNS)
+
+
+def _soon(dataset, before, finding):
+    """Whether most of what an effect takes is over in the few samples after turns, or taken by a filter.
+
+    A hysteresis whose travel is over so soon is a difference between directions too, which acts everywhere.
+    """
+    larger = compile_model(dataset.library, before[0].rig, [*before[0].keys, finding.key])
+    if "lag" in larger.attached[-1][0].scan.values():
+        return True
+    one, left = (dataset.residuals(model, fit.free, fit.parameters, "fit").residual(fit.values)
+                 for model, fit in (before, (larger, finding.fit)))
+    falls = ((one**2 - left**2) * finding.fit.weights[:, None] ** 2).sum(0)
+    return bool(falls[turned(dataset)[dataset.picks("fit")[0][1]]].sum() > HALF * falls.sum())
 
 
 def _verdict(findings, alarm, hidden, dataset, attached):

@@ -19,6 +19,8 @@ class Finding:
         Twins that are over between two samples: each may be what it is, and none is a name of its own.
     contested : bool
         So many, or a pair, do as well that its name would be drawn by lot.
+    joint : bool
+        Chosen together with others, beside which it has not been looked at by itself.
     """
 
     effect: str
@@ -37,6 +39,7 @@ class Finding:
     sizes: dict = field(default_factory=dict)
     provisional: bool = False
     contested: bool = False
+    joint: bool = False
     refused: str | None = None
     explained_by: dict | None = None
     varies_with: str | None = None

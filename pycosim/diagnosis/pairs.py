@@ -1,8 +1,8 @@
-"""A model that lacks something in; the pairs of effects that explain most of it together, fitted, out.
+"""A model that lacks something in; the pairs of effects, or threes, that explain most of it together, fitted, out.
 
 One effect after the other can miss two at once: the first that is taken may stand in for both, and beside it neither
-is what is lacking. The scores of a fitted model tell of every pair what it would take, from the moments that its
-members' own tests are made of.
+is what is lacking. The scores of a fitted model tell of every pair what it would take, and of every three that begins
+with one of the best pairs, from the moments that its members' own tests are made of.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .finding import Finding
 from .rivals import SEPARATE, alike, behind, by_kind
 from .scores import LEVEL, Scores
 from .table import Table
-from .trials import TRIAL, holds_nothing, measure, no_effect, nudged, start_of
+from .trials import TRIAL, holds_nothing, measure, no_effect, nudged, start_of, told_from_nothing
 
 APART = 0.02
 """Of what one effect changes, that must be left beside the other: two that are nearly one have no size of their own."""
@@ -28,28 +28,29 @@ DOUBTED = 0.05
 to some per cent. Up to a tenth, a zero 2.2 degrees off took its name from a constant torque of 2.4 times the noise."""
 REFITS = 8  # pairs that are fitted
 ALIKE = 3  # pairs of the same two effects, at other places, that are tried
+BEGUN = 100  # pairs that a third effect is looked for beside
 
 
 @dataclass
 class Pair:
-    """Two candidates that act together.
+    """Two candidates that act together, or three.
 
     Attributes
     ----------
     candidates : tuple of Candidate
-        Two, each at a grid point of its own.
+        Each at a grid point of its own.
     value : float
         What they take of the whitened squares, over the variance.
     coefficients : ndarray
-        Of the first, then of the second.
+        Of one after the other.
     without, model : Model
-        Without and with both.
+        Without and with all of them.
     lacking, fit : Fit
         Of either model.
     selection : Selection
-        Of the fit with both.
+        Of the fit with them.
     findings : list of Finding
-        One of either effect.
+        One of each effect.
     clear : bool
         Whether it does better than the one effect that it may be in the place of, by more than luck of so many pairs.
     doubted : bool
@@ -73,28 +74,32 @@ class Pair:
 
     @property
     def keys(self):
-        """Effect and place of either."""
+        """Effect and place of each."""
         return tuple(c.key for c in self.candidates)
 
     @property
     def told(self):
         """Either as the diagnosis tells it: ``effect``, ``place``, and ``small`` if it is a small error of the load."""
         return [{"effect": e.id, "place": p.name} | ({"small": True} if self.doubted and e.of_load_model else {})
-                for e, p in self.model.attached[-2:]]
+                for e, p in self.attached]
 
     @property
     def size(self):
-        """Coefficients of both, those of their grids with them."""
+        """Coefficients of all, those of their grids with them."""
         return sum(map(_size, self.candidates))
 
     @property
     def shares(self):
-        """Coefficients of either."""
-        n = len(self.candidates[0].parts)
-        return self.coefficients[:n], self.coefficients[n:]
+        """Coefficients of each."""
+        return np.split(self.coefficients, np.cumsum([len(c.parts) for c in self.candidates])[:-1])
+
+    @property
+    def attached(self):
+        """Effect and place of each, as the model has them."""
+        return self.model.attached[-len(self.candidates):]
 
 
-def fitted(dataset, base, keys, fit, seed, progress):
+def fitted(dataset, base, keys, fit, seed, progress, three=False):
     """The pairs that most may be said for beside some effects, fitted; best first on unseen folds.
 
     Parameters
@@ -111,21 +116,24 @@ def fitted(dataset, base, keys, fit, seed, progress):
         Of the scores' draws.
     progress : callable or None
         Called with a sentence before each fit.
+    three : bool
+        Whether threes come before the pairs, where one takes more than any pair by more than the luck of so many.
 
-    Returns
-    -------
+    Yields
+    ------
     list of Pair
-        Both effects of each are more than chance.
+        Of which each effect is more than chance.
     """
     without = compile_model(dataset.library, base.rig, [*base.keys, *keys])
     lacking = least_squares.fit(dataset, without, fit.parameters)
     here = dataset.sliding(without).settled(without, lacking.parameters)
     table = Table(here, without, lacking)
     scores = Scores(table, seed)
-    alone = select(here, without, lacking, scores.single)
-    found = _refitted(here, without, lacking, lacking, likely(scores, REFITS), scores.single, alone, progress)
-    _tell(scores, table, alone, found)
-    return [p for p in found if _certain(here, p)]
+    alone, two = select(here, without, lacking, scores.single), likely(scores, REFITS)
+    for some in [*([threes(scores, REFITS, two)] if three else []), two]:
+        found = _refitted(here, without, lacking, lacking, some, scores.single, alone, progress)
+        _tell(scores, table, alone, found)
+        yield [p for p in found if _certain(here, p)]
 
 
 def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
@@ -241,10 +249,20 @@ def _refitted(here, without, start, lacking, some, noise, alone, progress):
 
 
 def _certain(dataset, pair):
-    """Whether both effects of a pair are more than chance, with intervals without nothing, and not of samples' luck."""
-    return all(f.p_value < LEVEL and not holds_nothing(pair.model, f, attached)
+    """Whether all effects of a pair are more than chance, differ from nothing, and are not of samples' luck."""
+    return all(f.p_value < LEVEL and _is_some(dataset, pair, f, attached)
                and no_effect(dataset, pair.model, pair.fit, attached) is None
-               for f, attached in zip(pair.findings, pair.model.attached[-2:]))
+               for f, attached in zip(pair.findings, pair.attached))
+
+
+def _is_some(dataset, pair, finding, attached):
+    """Whether an interval of one effect of a pair leaves out nothing, or the likelihood beside the others does."""
+    if not holds_nothing(pair.model, finding, attached):
+        return True
+    smaller = compile_model(dataset.library, pair.model.rig, [k for k in pair.model.keys if k != finding.key])
+    without = least_squares.fit(dataset, smaller, pair.fit.parameters, most=TRIAL, noise=pair.fit.noise)
+    finding.fit = told_from_nothing(dataset, pair.model, finding, smaller, without, attached)
+    return not holds_nothing(pair.model, finding, attached)
 
 
 def _as_well(pair, rival):
@@ -272,40 +290,45 @@ def _outdoes(pair, winner, luck):
 
 def _tell(scores, table, alone, found):
     """What scores and fits say of the effects of each pair, and what could be in the place of each; best pair first."""
-    beside = {key: scores.beside(key) for key in {key for pair in found for key in pair.keys}}
-    for pair in found:
-        for candidate, attached, partner in zip(pair.candidates, pair.model.attached[-2:], reversed(pair.keys)):
+    others = [[[k for k in pair.keys if k != key] for key in pair.keys] for pair in found]
+    beside = {tuple(rest): scores.beside(*rest) for some in others for rest in some}
+    for pair, some in zip(found, others):
+        for candidate, attached, rest in zip(pair.candidates, pair.attached, some):
             own = max((s for s in scores.results if s.candidate.key == candidate.key), key=lambda s: s.surprise)
-            finding = Finding(*candidate.key, accepted=True, p_value=beside[partner].get(candidate.key, 1.0),
-                              p_value_single=float(np.exp(-own.surprise)), statistic=own.value, fit=pair.fit,
-                              selection=pair.selection)
+            finding = Finding(*candidate.key, accepted=True, joint=True, statistic=own.value, fit=pair.fit,
+                              p_value=beside[tuple(rest)].get(candidate.key, 1.0),
+                              p_value_single=float(np.exp(-own.surprise)), selection=pair.selection)
             measure(finding, pair.model, attached, table)
             pair.findings.append(finding)
     found.sort(key=lambda p: p.selection.white.sum() + 2 * len(p.fit.free))
     for pair in found:
         near = [p for p in found if p is not pair and alike(alone, p.selection, pair.selection)]
         pair.common = {*pair.keys}.intersection(*(p.keys for p in near))
-        for finding, other in zip(pair.findings, reversed(pair.findings)):
-            finding.twins = instead(near, finding, other)
+        for finding in pair.findings:
+            finding.twins = instead(near, finding, [f for f in pair.findings if f is not finding])
 
 
-def instead(near, finding, other):
-    """What could be in the place of one of two effects, each effect once before any at a second place.
+def instead(near, finding, others):
+    """What could be in the place of one of several effects, each effect once before any at a second place.
 
     Parameters
     ----------
     near : list of Pair
-        That unseen folds cannot tell from these two.
-    finding, other : Finding
-        The effect and the one beside it, with the alternatives of either that are known.
+        That unseen folds cannot tell from these.
+    finding : Finding
+        The effect, with the alternatives of it that are known.
+    others : list of Finding
+        Those beside it, with theirs.
 
     Returns
     -------
     list of dict
         Alternatives, with ``effect`` and ``place``.
     """
-    mine, beside = ([f.key, *((t["effect"], t["place"]) for t in f.twins)] for f in (finding, other))
-    new = [f for pair in near if set(beside) & set(pair.keys) for f in pair.findings if f.key not in [*mine, *beside]]
+    mine, *beside = ({f.key, *((t["effect"], t["place"]) for t in f.twins)} for f in (finding, *others))
+    known = mine.union(*beside)
+    new = [f for pair in near if all(some & {*pair.keys} for some in beside) for f in pair.findings
+           if f.key not in known]
     return finding.twins + [{"effect": e, "place": p} for e, p in dict.fromkeys(f.key for f in by_kind(new))]
 
 
@@ -360,21 +383,60 @@ def likely(scores, most, least=None, errors=None, named=()):
     candidates = [s.candidate for s in scores.results if s.visible and _size(s.candidate) < largest]
     if len(candidates) < 2:
         return []
-    first, cross, size = _whitened(scores, candidates)
+    best = _begun(candidates, _whitened(scores, candidates), most, largest, errors, named)
+    pairs = [Pair(some, *scores.fall(*some)) for some in (
+        tuple(candidates[k] for k in found) for _, *found in best[:20 * most])]
+    pairs = [p for p in pairs if p.value > least[min(n for n in least if n >= p.size)]]
+    return _varied(sorted(pairs, key=lambda p: -(p.value - 2 * p.size)), most)
+
+
+def _begun(candidates, coordinates, most, largest, errors, named):
+    """What the best pairs take inside no bounds, each at its best grid points, and their numbers; best first."""
     best, barred = {}, [bool(errors) and (c.effect.id in errors or c.key in named) for c in candidates]
     for k, candidate in enumerate(candidates):
         if errors and candidate.effect.id not in errors:
             continue
-        taken = np.where(barred, -np.inf, _taken(first, cross, size, k))
+        taken = np.where(barred, -np.inf, _taken(*coordinates, k))
         for other in np.argsort(-taken)[:4 * most]:
             keys = frozenset((candidate.key, candidates[other].key))
             if np.isfinite(taken[other]) and taken[other] > best.get(keys, (0.0,))[0] and _apart(
                     candidate, candidates[other]) and _size(candidate) + _size(candidates[other]) <= largest:
-                best[keys] = taken[other], candidate, candidates[other]
+                best[keys] = taken[other], k, other
+    return sorted(best.values(), key=lambda found: -found[0])
+
+
+def threes(scores, most, two):
+    """The threes that explain most together, each at its best grid points.
+
+    Parameters
+    ----------
+    scores : Scores
+        Of the model that lacks them.
+    most : int
+        Threes that are wanted.
+    two : list of Pair
+        The best pairs.
+
+    Returns
+    -------
+    list of Pair
+        Best first, within the coefficients' bounds; none where two take as much but for the luck of so many more.
+    """
+    candidates, best = [s.candidate for s in scores.results if s.visible], {}
+    coordinates = _whitened(scores, candidates) if two else None
+    for _, *pair in _begun(candidates, coordinates, most, np.inf, None, ())[:BEGUN] if two else ():
+        taken = _taken(*coordinates, *pair)
+        for third in np.argsort(-taken)[:most]:
+            some = [*pair, third]
+            keys = frozenset(candidates[k].key for k in some)
+            if np.isfinite(taken[third]) and taken[third] > best.get(keys, (0.0,))[0] and all(
+                    _apart(candidates[k], candidates[third]) for k in pair):
+                best[keys] = taken[third], *some
     ordered = sorted(best.values(), key=lambda found: -found[0])[:20 * most]
-    pairs = [Pair((a, b), *scores.fall(a, b)) for _, a, b in ordered]
-    pairs = [p for p in pairs if p.value > least[min(n for n in least if n >= p.size)]]
-    return _varied(sorted(pairs, key=lambda p: -(p.value - 2 * p.size)), most)
+    found = [Pair(some, *scores.fall(*some)) for some in (tuple(candidates[k] for k in ks) for _, *ks in ordered)]
+    least = max((p.value - 2.0 * p.size for p in two), default=0.0) + _luck(len(candidates))
+    return _varied(sorted((p for p in found if p.value - 2.0 * p.size > least),
+                          key=lambda p: -(p.value - 2.0 * p.size)), most)
 
 
 def _size(candidate):
@@ -388,7 +450,7 @@ def _apart(one, other):
 
 
 def _varied(pairs, most):
-    """The best of the pairs, of the same two effects a few at most."""
+    """The best of the pairs, of the same effects a few at most."""
     known, kept = {}, []
     for pair in pairs:
         kind = frozenset(c.effect.id for c in pair.candidates)
@@ -421,18 +483,19 @@ def _whitened(scores, candidates):
     return (turn @ moved).reshape(count, most), (turn @ own @ turn.T).reshape(count, most, count, most), size
 
 
-def _taken(first, cross, size, k):
-    """What one candidate takes together with each of the others; none of those that are nearly the same."""
-    most = first.shape[1]
-    shared = np.swapaxes(cross[k], 0, 1)  # the others first: what each shares with this one
-    shared = np.swapaxes(shared, 1, 2)
+def _taken(first, cross, size, *ks):
+    """What some candidates take together with each of the others; none of those that are nearly the same."""
+    count, most = first.shape
+    rows = (np.array(ks)[:, None] * most + np.arange(most))[size[list(ks)]]
+    flat = cross.reshape(count * most, count * most)
+    turn = least_squares.orthonormal(least_squares.invert(flat[np.ix_(rows, rows)])[0])
+    own = turn @ first.ravel()[rows]
+    shared = np.moveaxis((turn @ flat[rows]).reshape(len(rows), count, most), 0, 2)  # the others first
     left = np.eye(most) - shared @ np.swapaxes(shared, 1, 2)
-    added = first - shared @ first[k]
+    added = first - shared @ own
     apart = np.linalg.eigvalsh(left)[:, 0] > APART
-    taken = np.full(len(first), -np.inf)
+    taken = np.full(count, -np.inf)
     solved = np.linalg.solve(left[apart], added[apart][:, :, None])[:, :, 0]
-    taken[apart] = (first[k] ** 2).sum() + (added[apart] * solved).sum(1)
-    taken[k] = -np.inf
+    taken[apart] = (own ** 2).sum() + (added[apart] * solved).sum(1)
+    taken[list(ks)] = -np.inf
     return taken
-
-

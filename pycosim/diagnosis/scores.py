@@ -550,26 +550,26 @@ class Scores:
         moved = np.array([self.gram[g, -1].sum() for g in groups]) - cross @ (inverse @ self.gram[given, -1])
         return summed(self.gram, groups) - cross @ inverse @ cross.T, moved
 
-    def beside(self, key):
-        """Family-wise p-values of all candidates, with one of them in the model.
+    def beside(self, *keys):
+        """Family-wise p-values of all candidates, with some of them in the model.
 
         Parameters
         ----------
-        key : (str, str)
-            Effect and place of that one; at all points of its grid.
+        *keys : (str, str)
+            Effect and place of each of those; at all points of its grid.
 
         Returns
         -------
         dict of (str, str) to float
         """
         base, p = self._absorb[0], self.p
-        mine = [c for c in self.candidates if c.key == key]
+        mine = [c for c in self.candidates if c.key in keys]
         given = [*base, *sorted({p + k for c in mine for part in c.parts for k in part})]
         inverse, _ = least_squares.invert(self.gram[np.ix_(given, given)])
         found = {}
         for score in self.results:
             candidate = score.candidate
-            if not score.visible or candidate.key == key:
+            if not score.visible or candidate.key in keys:
                 continue
             groups = [p + np.array(part) for part in candidate.parts]
             inner, moved = self._beside(groups, given, inverse)

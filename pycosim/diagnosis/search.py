@@ -483,14 +483,15 @@ def _revised(dataset, steps, noise, seed, progress, without=None):
 
     One that is refused beside the others is taken out, and a correction gives way to what it corrects where that is
     said there. One that stays has the alternatives that are left there: another that is said there is one too, where
-    unseen folds do not tell which of both it is. The last effect was chosen with all others in the model.
+    unseen folds do not tell which of both it is. The last effect was chosen with all others in the model, if it was by
+    itself.
 
     What is said ``without`` an effect is kept there by the effects that are left: no model is diagnosed twice.
     """
     without = {} if without is None else without
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     refines = corrections(dataset.library)
-    for out in steps[1:-1]:
+    for out in (s for s in steps[1:] if s is not steps[-1] or s.finding.joint):
         rest = [s for s in steps[1:] if s is not out]
         keys = [*base.keys, *(s.added for s in rest)]
         model = compile_model(dataset.library, base.rig, keys)
@@ -520,7 +521,7 @@ def _revised(dataset, steps, noise, seed, progress, without=None):
             if lost or won:  # the luck of folds changes nobody's mind
                 continue
         others = [{"effect": e, "place": p} for e, p in alternatives if (e, p) != out.added]
-        out.finding = replace(out.finding, twins=others)  # its own were told where the others were missing
+        out.finding = replace(out.finding, twins=others, joint=False)  # its own were told where the others were missing
     return None
 
 
@@ -536,12 +537,13 @@ def _exchanged(dataset, steps, noise, seed, progress):
     added, fulls, best = steps[1:], _Selections(dataset, steps[-1], noise), (0.0, None, None)
     for out in itertools.combinations(added, min(2, len(added))) if 0 < len(added) <= TOGETHER else ():
         rest, near = [s for s in added if s not in out], []
-        for pair in pairs.fitted(dataset, steps[0].model, [s.added for s in rest], steps[-1].fit, seed, progress):
+        keys = [s.added for s in rest]
+        for pair in next(pairs.fitted(dataset, steps[0].model, keys, steps[-1].fit, seed, progress)):
             gain, cannot_tell = _gained(fulls, pair)
             near += [pair] if cannot_tell else []
             if gain > best[0] and {*pair.keys} != {s.added for s in out}:
                 best = gain, rest, pair
-        told = [pairs.instead(near, a.finding, b.finding) for a, b in itertools.permutations(out, 2)]
+        told = [pairs.instead(near, a.finding, [b.finding]) for a, b in itertools.permutations(out, 2)]
         for step, alternatives in zip(out, told):
             step.finding = replace(step.finding, twins=alternatives)
     if best[2] is None:
@@ -644,20 +646,21 @@ def _tell_as_winner(dataset, path, added, winner, noise, progress):
 
 
 def _together(dataset, steps, seed, progress):
-    """The ladder with two more effects at once, and a third where they need it, and its diagnosis; or None.
+    """The ladder with two more effects at once, or three, and its diagnosis; or None.
 
-    Where something is missing, and no effect by itself is what is: each of two may be far from constant without the
-    other, and the first of the two that is tried may be neither.
+    Where something is missing, and no effect by itself is what is: each of several may be far from constant without
+    the others, and the first that is tried may be none of them.
     """
-    keys = [s.added for s in steps[1:]]
-    pair = next(iter(pairs.fitted(dataset, steps[0].model, keys, steps[-1].fit, seed, progress)), None)
-    path, last = (None, None) if pair is None else _followed(dataset, steps, pair, seed, progress)
-    named = path is not None and _named(dataset, path, last.noise, len(steps), progress) == len(path)
-    return (path if named else None), last
+    keys, last = [s.added for s in steps[1:]], None
+    for some in pairs.fitted(dataset, steps[0].model, keys, steps[-1].fit, seed, progress, not keys):
+        path, last = _followed(dataset, steps, some[0], seed, progress) if some else (None, None)
+        if path is not None and _named(dataset, path, last.noise, len(steps), progress) == len(path):
+            return path, last
+    return None, last
 
 
 def _followed(dataset, steps, pair, seed, progress):
-    """The ladder with a pair of effects, and a third where they need it, and its diagnosis; or None."""
+    """The ladder with a pair of effects, and a third where two need it, and its diagnosis; or None."""
     path = _joined(dataset, steps[0], steps[1:], pair)
     while True:
         last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)

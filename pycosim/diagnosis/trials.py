@@ -338,13 +338,13 @@ def _between(dataset, model, fit, attached):
         most = 1.0
     if most == 1.0 and not names:
         return False
-    turned = _turned(dataset)[dataset.picks("fit")[0][1]]
+    near = turned(dataset)[dataset.picks("fit")[0][1]]
     without = compile_model(dataset.library, model.rig, [k for k in model.keys if k != key])
     before, after = (dataset.residuals(m, free, fit.parameters, "fit").residual([fit.parameters[n] for n in free])
                      for m in (without, model) for free in [[n for n in fit.free if n in m.parameters]])
     changed = ((after - before) ** 2 * fit.weights[:, None] ** 2).sum(0)
-    return bool(changed[turned].sum() > most * changed.sum()) or any(
-        _given_back(dataset, model, fit, n, turned) for n in names if abs(fit.parameters[n]) < FEW * step)
+    return bool(changed[near].sum() > most * changed.sum()) or any(
+        _given_back(dataset, model, fit, n, near) for n in names if abs(fit.parameters[n]) < FEW * step)
 
 
 def _given_back(dataset, model, fit, name, turned):
@@ -362,13 +362,23 @@ def _given_back(dataset, model, fit, name, turned):
     return bool(back > max(RULED * spread, BACK * (none - late)[turned].sum()))
 
 
-def _turned(dataset):
-    """Samples a few after a turn of any segment, and the last of a pass: a delay takes it from what comes after."""
-    way, turned = np.sign(dataset.speeds), np.zeros(len(dataset.time), dtype=bool)
+def turned(dataset):
+    """Samples a few after a turn of any segment, and the last of a pass: a delay takes it from what comes after.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its passes are known.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    way, found = np.sign(dataset.speeds), np.zeros(len(dataset.time), dtype=bool)
     for k in range(1, FEW + 1):
-        turned[k:] |= np.any(way[:, k:] != way[:, :-k], axis=0) | (dataset.run[k:] != dataset.run[:-k])
-    turned[:-1] |= dataset.passes[1:] != dataset.passes[:-1]
-    return turned
+        found[k:] |= np.any(way[:, k:] != way[:, :-k], axis=0) | (dataset.run[k:] != dataset.run[:-k])
+    found[:-1] |= dataset.passes[1:] != dataset.passes[:-1]
+    return found
 
 
 def _step(dataset):
@@ -478,7 +488,7 @@ def fit_to_all(finding, dataset, model, without, fit, noise):
         finding.fit = least_squares.fit(dataset, model, finding.fit.parameters,
                                         noise=_lesser(dataset, noise, finding.fit.noise))
     if holds_nothing(model, finding):
-        finding.fit = _told_from_nothing(dataset, model, finding, without, fit)
+        finding.fit = told_from_nothing(dataset, model, finding, without, fit)
     finding.coefficients = _coefficients(model, finding.fit)
     return not holds_nothing(model, finding)
 
@@ -512,9 +522,10 @@ def holds_nothing(model, finding, attached=None):
     -------
     bool
     """
-    coefficients = _coefficients(model, finding.fit, attached)
+    coefficients, base = _coefficients(model, finding.fit, attached), component_name(*(attached or model.attached[-1]))
     ends = [(coefficients[n]["ci95"], neutral) for n, neutral in finding.sizes.items()]
-    return bool(ends) and not finding.fit.apart and all(low <= neutral <= high for (low, high), neutral in ends)
+    apart = any(f"{base}.{n}" in finding.fit.apart for n in finding.sizes)
+    return bool(ends) and not apart and all(low <= neutral <= high for (low, high), neutral in ends)
 
 
 def pressed(model, fit, attached=None):
@@ -542,14 +553,31 @@ def pressed(model, fit, attached=None):
     return any(not low <= half[n] <= high for n in half for low, high in [fit.interval(n)])
 
 
-def _told_from_nothing(dataset, model, finding, smaller, without):
-    """The fit, with what the likelihood ratio rules out although an interval holds it.
+def told_from_nothing(dataset, model, finding, smaller, without, attached=None):
+    """The fit of an effect, with what the likelihood ratio rules out although an interval holds it.
 
     An interval takes the model as straight. A factor of a product, such as the growth of a loss that is small itself,
     or a drift whose time is longer than the log, is known to differ from nothing long before its size is known. Where
     the model is straight, both say the same. The interval of a delay is that of its likelihood, and says it itself.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its fit part is fitted.
+    model, smaller : Model
+        With the effect, and without it.
+    finding : Finding
+        With the fit, and its sizes.
+    without : Fit
+        Of the model without it.
+    attached : (Effect, Place), optional
+        The finding's, the last of the model's by default.
+
+    Returns
+    -------
+    Fit
     """
-    base = component_name(*model.attached[-1])
+    base = component_name(*(attached or model.attached[-1]))
     if any(f"{base}.{n}" in finding.fit.profiles for n in finding.sizes):
         return finding.fit
 
@@ -561,4 +589,5 @@ def _told_from_nothing(dataset, model, finding, smaller, without):
     fall = squares(smaller, without) - squares(model, finding.fit)
     if fall < PRESSED * len(finding.sizes):
         return finding.fit
-    return replace(finding.fit, apart={f"{base}.{n}": neutral for n, neutral in finding.sizes.items()})
+    ruled_out = {f"{base}.{n}": neutral for n, neutral in finding.sizes.items()}
+    return replace(finding.fit, apart=finding.fit.apart | ruled_out)

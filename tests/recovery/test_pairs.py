@@ -109,6 +109,43 @@ def test_what_two_take_together_is_what_both_together_take(scores):
         for other in rng.choice(np.flatnonzero(np.isfinite(taken)), 20):
             moments, moved = scores.beside_base([alone[k], alone[other]])
             assert np.isclose(taken[other], moved @ np.linalg.solve(moments, moved), rtol=1e-6)
+        second = rng.choice(np.flatnonzero(np.isfinite(taken)))
+        taken = pairs._taken(*coordinates, k, second)
+        for third in rng.choice(np.flatnonzero(np.isfinite(taken)), 5):
+            moments, moved = scores.beside_base([alone[n] for n in (k, second, third)])
+            assert np.isclose(taken[third], moved @ np.linalg.solve(moments, moved), rtol=1e-6)
+
+
+def test_no_three_is_asked_where_two_take_as_much_but_for_luck(scores):
+    assert not pairs.threes(scores, 8, pairs.likely(scores, 8))
+    assert not pairs.threes(scores, 8, [])
+
+
+THREE = {("load_nonlinearity", "1A"), ("torque_offset", "motor1+motor2"), ("configuration_preload", "1A+2A")}
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory):
+    """A log with three effects, of which none by itself has one coefficient, and no two have."""
+    study = make("three:load_nonlinearity+torque_offset+configuration_preload:1.7:216000026",
+                 tmp_path_factory.mktemp("three"), quick=True)
+    return Dataset(load_study(study), Library())
+
+
+@pytest.mark.long
+def test_the_scores_of_one_model_tell_which_three_it_lacks(three):
+    fit = least_squares.fit(three, three.base)
+    first = next(pairs.fitted(three, three.base, [], fit, 0, None, True))[0]
+    assert set(first.keys) == THREE
+    assert all(f.p_value < LEVEL and f.joint for f in first.findings)
+    offset = first.findings[first.keys.index(("torque_offset", "motor1+motor2"))]
+    assert ("reference_offset", "hip") in [(t["effect"], t["place"]) for t in offset.twins]
+
+
+@pytest.mark.slow
+def test_three_that_no_order_of_single_steps_leads_to_are_found(three):
+    found = improve(three)
+    assert {s.added for s in found.steps[1:]} == THREE and found.last.verdict == "nothing_missing"
 
 
 @pytest.mark.slow
