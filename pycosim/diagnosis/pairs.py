@@ -422,9 +422,11 @@ def threes(scores, most, two):
     list of Pair
         Best first, within the coefficients' bounds; none where two take as much but for the luck of so many more.
     """
+    if not two:
+        return []
     candidates, best = [s.candidate for s in scores.results if s.visible], {}
-    coordinates = _whitened(scores, candidates) if two else None
-    for _, *pair in _begun(candidates, coordinates, most, np.inf, None, ())[:BEGUN] if two else ():
+    coordinates = _whitened(scores, candidates)
+    for _, *pair in _begun(candidates, coordinates, most, np.inf, None, ())[:BEGUN]:
         taken = _taken(*coordinates, *pair)
         for third in np.argsort(-taken)[:most]:
             some = [*pair, third]
@@ -434,7 +436,7 @@ def threes(scores, most, two):
                 best[keys] = taken[third], *some
     ordered = sorted(best.values(), key=lambda found: -found[0])[:20 * most]
     found = [Pair(some, *scores.fall(*some)) for some in (tuple(candidates[k] for k in ks) for _, *ks in ordered)]
-    least = max((p.value - 2.0 * p.size for p in two), default=0.0) + _luck(len(candidates))
+    least = max(p.value - 2.0 * p.size for p in two) + _luck(len(candidates))
     return _varied(sorted((p for p in found if p.value - 2.0 * p.size > least),
                           key=lambda p: -(p.value - 2.0 * p.size)), most)
 
