@@ -132,22 +132,22 @@ def responses(dataset, model, parameters, names, rows=None, shift=None):
     -------
     dict of str to ndarray, shape (channels, n)
     """
-    question = dataset.ask(model).select(dataset.outputs)
-    u, x, p = question.symbols()
-    y = question.output(u, x, p)
-    signals, (states, _) = dataset.undelayed(dataset.ask(model), parameters, dataset.exogenous()), dataset.states(
+    question, size = dataset.ask(model), len(dataset.time if rows is None else rows)
+    slopes = question.memo(("scatter.slopes", *names), lambda: _slopes(question.select(dataset.outputs), names))
+    signals, (states, _) = dataset.undelayed(question, parameters, dataset.exogenous()), dataset.states(
         model, parameters)
     moved = [signals.get(n, 0.0) + (shift or {}).get(n, 0.0) for n in question.inputs]
     given = [v if rows is None or np.ndim(v) == 0 else v[rows] for v in [*moved, *states]]
-    arguments, count = given + [float(parameters[n]) for n in question.parameters], len(
-        dataset.time if rows is None else rows)
-    found = {}
-    for name in [n for n in names if n in question.inputs]:
-        slope = ca.jacobian(y, u[question.inputs.index(name)])
-        if slope.nnz():
-            found[name] = ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(slope)]))(
-                arguments, count)
-    return found
+    arguments = given + [float(parameters[n]) for n in question.parameters]
+    return {n: slope(arguments, size) for n, slope in slopes.items()}
+
+
+def _slopes(question, names):
+    """Derivatives of all outputs by those of some inputs that they depend on, over arrays."""
+    u, x, p = question.symbols()
+    y = question.output(u, x, p)
+    found = {n: ca.jacobian(y, u[question.inputs.index(n)]) for n in names if n in question.inputs}
+    return {n: ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(s)])) for n, s in found.items() if s.nnz()}
 
 
 def scatter(dataset, name):

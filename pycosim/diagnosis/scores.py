@@ -70,7 +70,7 @@ class Scores:
         self.table, self.rng, self.draws = table, np.random.default_rng(seed), draws
         self.p = len(table.fit.free)
         self.weights, self.few = table.fit.weights, max(1, len(table.time) // 5000)
-        self.candidates, self.columns = list(table.candidates), list(table.columns)
+        self.candidates, self.columns, self.thin = list(table.candidates), list(table.columns), []
         self._noise()
         self._roundings()
         self._search_ripples()
@@ -87,16 +87,25 @@ class Scores:
 
     # ---- noise of what the best mixture of candidates leaves
 
-    def _rows(self, channel, where):
-        """Rows: derivative, candidate columns, residual."""
-        t = self.table
-        return np.array([*t.slope[channel][:, where], *[v[channel, where] for v in self.columns],
-                         t.residual[channel, where]])
-
     def _thin_moments(self):
-        """Moments of the rows of each channel, on enough samples to choose and to predict by."""
-        few = slice(None, None, self.few)
-        return [rows @ rows.T for rows in (self._rows(c, few) for c in range(len(self.weights)))]
+        """Moments of the rows of each channel, on enough samples to choose and to predict by.
+
+        Rows: derivative, candidate columns, residual. Those of columns that came after the last time are added.
+        """
+        few, t = slice(None, None, self.few), self.table
+        known = len(self.thin[0]) - 1 - self.p if self.thin else 0
+        old = [*range(self.p + known), self.p + len(self.columns)] if self.thin else []
+        new = [k for k in range(self.p + len(self.columns) + 1) if k not in old]
+        found = []
+        for c in range(len(self.weights)):
+            rows = np.array([*t.slope[c][:, few], *[v[c, few] for v in self.columns], t.residual[c, few]])
+            found.append(np.zeros((len(rows), len(rows))))
+            if old:
+                found[-1][np.ix_(old, old)] = self.thin[c]
+            found[-1][new] = rows[new] @ rows.T
+            found[-1][:, new] = found[-1][new].T
+        self.thin = found
+        return found
 
     def _of_all(self, moments):
         """Moments of all channels together, in the weights of the fit."""
@@ -171,8 +180,7 @@ class Scores:
     def _whiten(self):
         """Moments of the whitened columns; the residual's spread fixes their scale."""
         t = self.table
-        self.thin = self._thin_moments()
-        self.together = self._of_all(self.thin)
+        self.together = self._of_all(self._thin_moments())
         self.gram, self.frame = np.zeros_like(self.thin[0]), []
         self.beside_rounding = np.zeros((len(self.gram) - 1, len(self.rounded[0])))
         for c, noise in enumerate(self.noise):
@@ -262,7 +270,7 @@ class Scores:
         values, vectors = np.linalg.eigh((schur + schur.T) / (2 * np.outer(size, size)))
         root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0))
         noise = self.rng.standard_normal((self.draws, len(schur))) @ root.T
-        self._absorb = base, inverse
+        self._absorb, self._inflations = (base, inverse), {}
         rounded = self._rounded(slice(p, None), cross)
         if rounded.shape[1]:
             noise += (rounded * self.rng.choice([-1.0, 1.0], rounded.shape[1]))[:, self.rng.integers(
@@ -419,6 +427,12 @@ class Scores:
         """Variance of a candidate's score with rounding counted, over the variance that noise alone gives it."""
         if not len(self.rounded[0]):
             return 1.0
+        key = tuple(map(tuple, candidate.parts))
+        if key not in self._inflations:
+            self._inflations[key] = self._inflated(candidate)
+        return self._inflations[key]
+
+    def _inflated(self, candidate):
         base, inverse = self._absorb
         columns = [self.p + np.array(part) for part in candidate.parts]
         cross = np.array([self.gram[np.ix_(c, base)].sum(0) for c in columns]) @ inverse
@@ -494,7 +508,7 @@ class Scores:
         less.gram = turn @ self.gram @ turn.T
         less.gram[own], less.gram[:, own] = 0.0, 0.0
         base = [k for k in less._yielding() if k not in own]
-        less._absorb = base, least_squares.invert(less.gram[np.ix_(base, base)])[0]
+        less._absorb, less._inflations = (base, least_squares.invert(less.gram[np.ix_(base, base)])[0]), {}
         less.__dict__.pop("_without", None)
         less.results = []
         for score in self.results:
