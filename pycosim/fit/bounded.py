@@ -12,9 +12,9 @@ NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is
 
 
 def _pressed(a, b, low, high):
-    """Solution with what leaves the bounds pressed against them, where that is the best; else None."""
-    held, x = np.zeros(len(b), dtype=int), np.zeros(len(b))
-    for _ in range(len(b) + 1):
+    """Solution with what leaves the bounds pressed against them, one let go where that is better; None if not found."""
+    held, enough = np.zeros(len(b), dtype=int), 1e-9 * np.abs(b).max(initial=0.0)
+    for _ in range(3 * len(b) + 1):
         free = held == 0
         x = np.where(held < 0, low, np.where(held > 0, high, 0.0))
         if free.any():
@@ -26,10 +26,13 @@ def _pressed(a, b, low, high):
                 return None
             x[free] = cho_solve(factor, b[free] - a[np.ix_(free, ~free)] @ x[~free])
         out = np.where(x < low, -1, np.where(x > high, 1, 0)) * free
-        if not out.any():
-            slope = b - a @ x  # uphill must point out of the bounds
-            return x if np.all(slope * held >= -1e-9 * np.abs(b).max(initial=0.0)) else None
-        held = held + out
+        if out.any():
+            held = held + out
+            continue
+        inward = (a @ x - b) * held  # uphill must point out of the bounds
+        if np.all(inward <= enough):
+            return x
+        held[np.argmax(inward)] = 0
     return None
 
 

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import least_squares, linprog
+from scipy.optimize import linprog
 from scipy.special import stdtrit  # quantiles of Student's t; scipy.stats takes half a second to import
 
 from ..core.errors import NoAnswerError
@@ -21,6 +21,7 @@ from ..data.residuals import huber
 from ..data.scatter import weights as channel_weights
 from . import late
 from .bounded import NULL, bounded
+from .damped import listed, solve
 from .moments import Moments
 
 MARGIN = 1e-6  # of the nominal value, that a fit keeps from its bounds: there derivatives are two-sided
@@ -456,10 +457,6 @@ def _instrumented(gram, x, free, variables, steps):
     return x
 
 
-def _listed(names, values):
-    return ", ".join(f"{n} = {v:.4g}" for n, v in zip(names, values))
-
-
 def _inside(value, variable):
     """Start strictly inside the bounds, where derivatives are two-sided."""
     margin = MARGIN * variable.nominal
@@ -467,33 +464,12 @@ def _inside(value, variable):
 
 
 def _solve(gram, x, free, variables, evaluations):
-    """Bounded least squares from the moments [J r]'[J r] alone."""
+    """Least squares from the moments [J r]'[J r] alone, a margin inside the bounds."""
     if not free:
         return x
-    lower = np.array([variables[n].min for n in free])
-    upper = np.array([variables[n].max for n in free])
-    scale = np.array([variables[n].nominal for n in free])
-    rows = {}
-
-    def root(z):
-        key = z.tobytes()
-        if key not in rows:
-            rows.clear()
-            g = gram(z)
-            if not np.isfinite(g).all():  # no answer there: a step that the solver takes back
-                if z.tobytes() == x.tobytes():
-                    raise NoAnswerError(f"the model has no finite answer at the start, {_listed(free, x)}; "
-                                        "start elsewhere")
-                g = np.diag([*np.zeros(len(free)), 1e300])
-            values, vectors = np.linalg.eigh(g)
-            rows[key] = np.sqrt(np.maximum(values, 0))[:, None] * vectors.T
-        return rows[key]
-
-    solution = least_squares(
-        lambda z: -root(z)[:, -1], x, jac=lambda z: root(z)[:, :-1], bounds=(lower, upper), x_scale=scale,
-        xtol=1e-7, ftol=1e-9, gtol=1e-12, max_nfev=evaluations)
-    margin = MARGIN * scale
-    return np.clip(solution.x, lower + margin, upper - margin)
+    margin = MARGIN * np.array([variables[n].nominal for n in free])
+    low, high = (np.array([getattr(variables[n], b) for n in free]) for b in ("min", "max"))
+    return solve(gram, x, free, low + margin, high - margin, evaluations)
 
 
 def result(problem, slope, residual, gram, x, free, variables, weights, noise, robust=False):
@@ -534,7 +510,7 @@ def result(problem, slope, residual, gram, x, free, variables, weights, noise, r
         The model has no finite answer there.
     """
     if not np.isfinite(gram).all():
-        raise NoAnswerError(f"the model has no finite answer at {_listed(free, x)}; tighten the bounds around a "
+        raise NoAnswerError(f"the model has no finite answer at {listed(free, x)}; tighten the bounds around a "
                             "better start")
     chain = problem.chain
     inverse, null = invert(gram[:-1, :-1])
