@@ -94,10 +94,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     say = progress or (lambda text: None)
     whole = dataset.sliding(model)
     dataset = whole.settled(model, fit.parameters)
-    say("testing every candidate effect at every place")
-    table = known[0] if known else Table(dataset, model, fit)
-    first_look.tell(say, table)
-    scores = known[1] if known else Scores(table, seed)
+    table, scores = known or scored(dataset, model, fit, seed, progress)
     findings = as_findings(table, scores)
     base = select(dataset, model, fit, scores.single)
     rivals = refit_best(dataset, model, fit, scores, findings, base, table, say)
@@ -125,6 +122,28 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
                       partial(unexplained, table, depends, floor) if unknown else None,
                       between=any(_soon(dataset, (model, fit), f) for f in brief))
     return found.finish() if finished else found
+
+
+def scored(dataset, model, fit, seed=0, progress=None):
+    """What every candidate effect would change at every place, and the scores of that.
+
+    Parameters
+    ----------
+    dataset, model, fit, seed, progress
+        As for `diagnose`.
+
+    Returns
+    -------
+    (Table, Scores)
+        Without the columns, hundreds of the log's length: what is asked of them are their moments.
+    """
+    say = progress or (lambda text: None)
+    say("testing every candidate effect at every place")
+    table = Table(dataset.sliding(model).settled(model, fit.parameters), model, fit)
+    first_look.tell(say, table)
+    scores = Scores(table, seed)
+    table.columns, scores.columns, scores.frame = [], [], []  # a search goes on with several of these at hand
+    return table, scores
 
 
 def _steady(finding, dataset, model, fit, base, seed):

@@ -55,8 +55,8 @@ class Pair:
         Whether it does better than the one effect that it may be in the place of, by more than luck of so many pairs.
     doubted : bool
         Whether it does as well for a small error of the model of the load, which is one of the two.
-    common : set of (str, str)
-        Of its effects, those that all pairs have that unseen folds cannot tell from it.
+    near : list of Pair
+        Those that unseen folds cannot tell from it.
     """
 
     candidates: tuple
@@ -70,12 +70,17 @@ class Pair:
     findings: list = field(default_factory=list)
     clear: bool = False
     doubted: bool = False
-    common: set = field(default_factory=set)
+    near: list = field(default_factory=list, repr=False, compare=False)
 
     @property
     def keys(self):
         """Effect and place of each."""
         return tuple(c.key for c in self.candidates)
+
+    @property
+    def common(self):
+        """Of its effects, those that all have that unseen folds cannot tell from it."""
+        return {*self.keys}.intersection(*(p.keys for p in self.near))
 
     @property
     def told(self):
@@ -99,21 +104,19 @@ class Pair:
         return self.model.attached[-len(self.candidates):]
 
 
-def fitted(dataset, base, keys, fit, seed, progress, three=False):
-    """The pairs that most may be said for beside some effects, fitted; best first on unseen folds.
+def fitted(dataset, without, lacking, known, progress, three=False):
+    """The pairs that most may be said for in a model that lacks them, fitted; best first on unseen folds.
 
     Parameters
     ----------
     dataset : Dataset
         Its fit part is searched.
-    base : Model
-        Of its study.
-    keys : list of (str, str)
-        The effects beside which two are missing.
-    fit : Fit
-        Of a model with these effects among others: where its fit starts.
-    seed : int
-        Of the scores' draws.
+    without : Model
+        With the effects beside which two are missing.
+    lacking : Fit
+        Of that model.
+    known : (Table, Scores)
+        Of that model and fit.
     progress : callable or None
         Called with a sentence before each fit.
     three : bool
@@ -124,13 +127,10 @@ def fitted(dataset, base, keys, fit, seed, progress, three=False):
     list of Pair
         Of which each effect is more than chance.
     """
-    without = compile_model(dataset.library, base.rig, [*base.keys, *keys])
-    lacking = least_squares.fit(dataset, without, fit.parameters)
-    here = dataset.sliding(without).settled(without, lacking.parameters)
-    table = Table(here, without, lacking)
-    scores = Scores(table, seed)
-    alone, two = select(here, without, lacking, scores.single), likely(scores, REFITS)
-    for some in [*([threes(scores, REFITS, two)] if three else []), two]:
+    here, (table, scores) = dataset.sliding(without).settled(without, lacking.parameters), known
+    alone, start = select(here, without, lacking, scores.single), Combinations(scores, REFITS)
+    two = start.pairs()
+    for some in [*([start.threes(two)] if three else []), two]:
         found = _refitted(here, without, lacking, lacking, some, scores.single, alone, progress)
         _tell(scores, table, alone, found)
         yield [p for p in found if _certain(here, p)]
@@ -179,7 +179,8 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     less, luck = scores.lacking(own), _luck(len(scores.results))
     takes = less.left() - scores.left()
     least = {len(own): takes - 2.0 * SEPARATE ** 2, len(own) + 1: takes + luck + 2.0}
-    some = _with_load(dataset, less, winner, likely(less, REFITS, least), {len(own) + 1: least[len(own)] + 2.0})
+    some = _with_load(dataset, less, winner, Combinations(less, REFITS, max(least)).pairs(least),
+                      {len(own) + 1: least[len(own)] + 2.0})
     alone = select(here, without, lacking, noise)
     found = _refitted(here, without, winner.fit, lacking, some, noise, alone, progress)
     found = [p for p in found if _as_well(p.selection, winner.selection)]
@@ -302,10 +303,9 @@ def _tell(scores, table, alone, found):
             pair.findings.append(finding)
     found.sort(key=lambda p: p.selection.white.sum() + 2 * len(p.fit.free))
     for pair in found:
-        near = [p for p in found if p is not pair and alike(alone, p.selection, pair.selection)]
-        pair.common = {*pair.keys}.intersection(*(p.keys for p in near))
+        pair.near = [p for p in found if p is not pair and alike(alone, p.selection, pair.selection)]
         for finding in pair.findings:
-            finding.twins = instead(near, finding, [f for f in pair.findings if f is not finding])
+            finding.twins = instead(pair.near, finding, [f for f in pair.findings if f is not finding])
 
 
 def instead(near, finding, others):
@@ -341,7 +341,7 @@ def _with_load(dataset, scores, winner, some, least):
     named = [winner.key, *((t["effect"], t["place"]) for t in winner.twins)]
     found = {frozenset(p.keys): p for p in some}
     if errors and errors.isdisjoint(e for e, _ in named):
-        for pair in likely(scores, REFITS, least, errors, named):
+        for pair in Combinations(scores, REFITS, max(least), errors, named).pairs(least):
             found.setdefault(frozenset(pair.keys), pair).doubted = True
     return [*found.values()]
 
@@ -357,88 +357,98 @@ def _little_of_load(dataset, pair):
     return bool(((changed ** 2).sum(1) <= DOUBTED ** 2 * (load ** 2).sum(1)).all())
 
 
-def likely(scores, most, least=None, errors=None, named=()):
-    """The pairs that explain most together, each at its best grid points.
-
-    Parameters
-    ----------
-    scores : Scores
-        Of the model that lacks both.
-    most : int
-        Pairs that are wanted.
-    least : dict of int to float, optional
-        By the coefficients that a pair may have at most, what it must take at least; any pair by default.
-    errors : set of str, optional
-        Effects of which one is in each pair, with another beside it; any two by default.
-    named : collection of (str, str)
-        Effects and places that are not that other.
-
-    Returns
-    -------
-    list of Pair
-        Best first, within the coefficients' bounds; no two effects at one component are the same.
-    """
-    least = least or {np.inf: 0.0}
-    largest = max(least)
-    candidates = [s.candidate for s in scores.results if s.visible and _size(s.candidate) < largest]
-    if len(candidates) < 2:
-        return []
-    best = _begun(candidates, _whitened(scores, candidates), most, largest, errors, named)
-    pairs = [Pair(some, *scores.fall(*some)) for some in (
-        tuple(candidates[k] for k in found) for _, *found in best[:20 * most])]
-    pairs = [p for p in pairs if p.value > least[min(n for n in least if n >= p.size)]]
-    return _varied(sorted(pairs, key=lambda p: -(p.value - 2 * p.size)), most)
-
-
-def _begun(candidates, coordinates, most, largest, errors, named):
-    """What the best pairs take inside no bounds, each at its best grid points, and their numbers; best first."""
-    best, barred = {}, [bool(errors) and (c.effect.id in errors or c.key in named) for c in candidates]
-    for k, candidate in enumerate(candidates):
-        if errors and candidate.effect.id not in errors:
-            continue
-        taken = np.where(barred, -np.inf, _taken(*coordinates, k))
-        for other in np.argsort(-taken)[:4 * most]:
-            keys = frozenset((candidate.key, candidates[other].key))
-            if np.isfinite(taken[other]) and taken[other] > best.get(keys, (0.0,))[0] and _apart(
-                    candidate, candidates[other]) and _size(candidate) + _size(candidates[other]) <= largest:
-                best[keys] = taken[other], k, other
-    return sorted(best.values(), key=lambda found: -found[0])
-
-
-def threes(scores, most, two):
-    """The threes that explain most together, each at its best grid points.
+class Combinations:
+    """What some candidates take of a residual together: the pairs that take most, and the threes that begin with those.
 
     Parameters
     ----------
     scores : Scores
         Of the model that lacks them.
     most : int
-        Threes that are wanted.
-    two : list of Pair
-        The best pairs.
-
-    Returns
-    -------
-    list of Pair
-        Best first, within the coefficients' bounds; none where two take as much but for the luck of so many more.
+        Pairs, or threes, that are wanted.
+    largest : int, optional
+        Coefficients that two may have together at most; any number by default.
+    errors : set of str, optional
+        Effects of which one is in each pair, with another beside it; any two by default.
+    named : collection of (str, str)
+        Effects and places that are not that other.
     """
-    if not two:
-        return []
-    candidates, best = [s.candidate for s in scores.results if s.visible], {}
-    coordinates = _whitened(scores, candidates)
-    for _, *pair in _begun(candidates, coordinates, most, np.inf, None, ())[:BEGUN]:
-        taken = _taken(*coordinates, *pair)
-        for third in np.argsort(-taken)[:most]:
-            some = [*pair, third]
-            keys = frozenset(candidates[k].key for k in some)
-            if np.isfinite(taken[third]) and taken[third] > best.get(keys, (0.0,))[0] and all(
-                    _apart(candidates[k], candidates[third]) for k in pair):
-                best[keys] = taken[third], *some
-    ordered = sorted(best.values(), key=lambda found: -found[0])[:20 * most]
-    found = [Pair(some, *scores.fall(*some)) for some in (tuple(candidates[k] for k in ks) for _, *ks in ordered)]
-    least = max(p.value - 2.0 * p.size for p in two) + _luck(len(candidates))
-    return _varied(sorted((p for p in found if p.value - 2.0 * p.size > least),
-                          key=lambda p: -(p.value - 2.0 * p.size)), most)
+
+    def __init__(self, scores, most, largest=np.inf, errors=None, named=()):
+        self.scores, self.most = scores, most
+        self.candidates = [s.candidate for s in scores.results if s.visible and _size(s.candidate) < largest]
+        self.begun = []
+        if len(self.candidates) > 1:
+            self.coordinates = _whitened(scores, self.candidates)
+            self._begin(largest, errors, named)
+
+    def _begin(self, largest, errors, named):
+        """What the best pairs take, and their numbers; best first."""
+        best, candidates = {}, self.candidates
+        barred = [bool(errors) and (c.effect.id in errors or c.key in named) for c in candidates]
+        for k, candidate in enumerate(candidates):
+            if errors and candidate.effect.id not in errors:
+                continue
+            taken = np.where(barred, -np.inf, _taken(*self.coordinates, k))
+            for other in np.argsort(-taken)[:4 * self.most]:
+                keys = frozenset((candidate.key, candidates[other].key))
+                if np.isfinite(taken[other]) and taken[other] > best.get(keys, (0.0,))[0] and _apart(
+                        candidate, candidates[other]) and _size(candidate) + _size(candidates[other]) <= largest:
+                    best[keys] = taken[other], k, other
+        self.begun = sorted(best.values(), key=lambda found: -found[0])
+
+    def _inside(self, numbers):
+        """The first of some, given by numbers of candidates, with what they take inside their bounds."""
+        some = (tuple(self.candidates[k] for k in ks) for ks in numbers[:20 * self.most])
+        return [Pair(of, *self.scores.fall(*of)) for of in some]
+
+    def _best(self, found):
+        return _varied(sorted(found, key=lambda p: -(p.value - 2.0 * p.size)), self.most)
+
+    def pairs(self, least=None):
+        """The pairs that explain most, each at its best grid points.
+
+        Parameters
+        ----------
+        least : dict of int to float, optional
+            By the coefficients that a pair may have at most, what it must take at least; any pair by default.
+
+        Returns
+        -------
+        list of Pair
+            Best first, within the coefficients' bounds; no two effects at one component are the same.
+        """
+        least = least or {np.inf: 0.0}
+        found = self._inside([ks for _, *ks in self.begun])
+        return self._best(p for p in found if p.value > least[min(n for n in least if n >= p.size)])
+
+    def threes(self, two):
+        """The threes that explain most; none where two take as much but for the luck of so many more.
+
+        Parameters
+        ----------
+        two : list of Pair
+            The best pairs.
+
+        Returns
+        -------
+        list of Pair
+            Best first, within the coefficients' bounds.
+        """
+        if not two:
+            return []
+        candidates, best = self.candidates, {}
+        for _, *pair in self.begun[:BEGUN]:
+            taken = _taken(*self.coordinates, *pair)
+            for third in np.argsort(-taken)[:self.most]:
+                some = [*pair, third]
+                keys = frozenset(candidates[k].key for k in some)
+                if np.isfinite(taken[third]) and taken[third] > best.get(keys, (0.0,))[0] and all(
+                        _apart(candidates[k], candidates[third]) for k in pair):
+                    best[keys] = taken[third], *some
+        found = self._inside([ks for _, *ks in sorted(best.values(), key=lambda found: -found[0])])
+        least = max(p.value - 2.0 * p.size for p in two) + _luck(len(candidates))
+        return self._best(p for p in found if p.value - 2.0 * p.size > least)
 
 
 def _size(candidate):

@@ -11,18 +11,16 @@ from ..fit import least_squares
 from . import compare, pairs
 from .constancy import allowed, constancy
 from .crossval import difference, select
-from .decide import OPEN, diagnose
+from .decide import OPEN, diagnose, scored
 from .dependence import dependence
 from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises, slow
 from .rivals import ALIKE, PLAIN, SEPARATE, alike, behind, too_many
-from .scores import Scores
-from .table import Table
 from .trials import TRIAL, nudged, pressed
 
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
-SHOWN = 3  # pairs that are told where they do better than one effect
+SHOWN = 3  # pairs that are told where they do better than one effect, or tried where as good a one is not constant
 TOGETHER = 3  # effects of a ladder up to which two are looked for, or exchanged, at once
 
 
@@ -316,15 +314,27 @@ def _without_spikes(dataset, model, fit):
 
 
 def _first(dataset, steps, seed, progress, known=None):
-    """The diagnosis of the last step, and the path and diagnosis that the search goes on with."""
-    found = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + len(steps) - 1, progress, False, known)
-    ahead, last = _ahead(dataset, steps, found, seed, progress) if found.provisional else (None, None)
+    """The diagnosis of the last step, and the path and diagnosis that the search goes on with.
+
+    Threes come first: where one takes more than any pair by more than luck, two in its place lead nowhere.
+    """
+    step, draw = steps[-1], seed + len(steps) - 1
+    known = known or scored(dataset, step.model, step.fit, draw, progress)
+    found = diagnose(dataset, step.model, step.fit, draw, progress, False, known)
+    unknown = found.verdict == "unexplained" and not found.between and len(steps) + 1 <= TOGETHER
+    several = pairs.fitted(dataset, step.model, step.fit, known, progress, len(steps) == 1) if unknown else iter(())
+    ahead, last, known = None, None, None
+    if unknown and len(steps) == 1 and not found.contested:
+        ahead, last = _together(dataset, steps, next(several), seed, progress)
+    if ahead is None and found.provisional:
+        ahead, last = _ahead(dataset, steps, found, seed, progress)
     alone = last is not None and found.contested and last.verdict == "nothing_missing"
-    if ahead is None and len(steps) + 1 <= TOGETHER:
-        if found.winner:
-            ahead, last = _doubled(dataset, steps, found, seed, progress)
-        elif found.verdict == "unexplained" and not alone and not found.between:
-            ahead, last = _together(dataset, steps, seed, progress)
+    if ahead is None and found.winner and len(steps) + 1 <= TOGETHER:
+        ahead, last = _doubled(dataset, steps, found, seed, progress)
+    for some in several if ahead is None and not alone else ():
+        ahead, last = _together(dataset, steps, some, seed, progress)
+        if ahead is not None:
+            break
     if ahead is None:
         return found, steps, found
     found.accept(ahead[len(steps)].finding)
@@ -534,11 +544,13 @@ def _exchanged(dataset, steps, noise, seed, progress):
     nothing is exchanged, what could be in the place of one of the two together with another of the other is told as its
     alternative.
     """
-    added, fulls, best = steps[1:], _Selections(dataset, steps[-1], noise), (0.0, None, None)
+    base, added, fulls, best = steps[0].model, steps[1:], _Selections(dataset, steps[-1], noise), (0.0, None, None)
     for out in itertools.combinations(added, min(2, len(added))) if 0 < len(added) <= TOGETHER else ():
         rest, near = [s for s in added if s not in out], []
-        keys = [s.added for s in rest]
-        for pair in next(pairs.fitted(dataset, steps[0].model, keys, steps[-1].fit, seed, progress)):
+        without = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
+        lacking = least_squares.fit(dataset, without, steps[-1].fit.parameters)
+        known = scored(dataset, without, lacking, seed, progress)
+        for pair in next(pairs.fitted(dataset, without, lacking, known, progress)):
             gain, cannot_tell = _gained(fulls, pair)
             near += [pair] if cannot_tell else []
             if gain > best[0] and {*pair.keys} != {s.added for s in out}:
@@ -611,8 +623,7 @@ def _doubled(dataset, steps, found, seed, progress):
     """
     winner, step = found.winner, steps[-1]
     larger = compile_model(dataset.library, step.model.rig, [*step.model.keys, winner.key])
-    table = Table(dataset.sliding(larger).settled(larger, winner.fit.parameters), larger, winner.fit)
-    found.known = table, Scores(table, seed + len(steps))
+    found.known = scored(dataset, larger, winner.fit, seed + len(steps), progress)
     some = pairs.doubles(dataset, step.model, step.fit, winner, found.noise, found.known[1], seed, progress)
     pair = next((p for p in some if p.clear), None)
     path, last = (None, None) if pair is None else _followed(dataset, steps, pair, seed, progress)
@@ -645,18 +656,20 @@ def _tell_as_winner(dataset, path, added, winner, noise, progress):
             step.finding = replace(step.finding, twins=twins)
 
 
-def _together(dataset, steps, seed, progress):
-    """The ladder with two more effects at once, or three, and its diagnosis; or None.
+def _together(dataset, steps, some, seed, progress):
+    """The ladder with the best of some pairs or threes, and its diagnosis; or None.
 
     Where something is missing, and no effect by itself is what is: each of several may be far from constant without
-    the others, and the first that is tried may be none of them.
+    the others, and the first that is tried may be none of them. Of those that unseen folds cannot tell apart, luck
+    alone says which is the best: another may be the one whose coefficients are constant.
     """
-    keys, last = [s.added for s in steps[1:]], None
-    for some in pairs.fitted(dataset, steps[0].model, keys, steps[-1].fit, seed, progress, not keys):
-        path, last = _followed(dataset, steps, some[0], seed, progress) if some else (None, None)
-        if path is not None and _named(dataset, path, last.noise, len(steps), progress) == len(path):
-            return path, last
-    return None, last
+    path, last = _followed(dataset, steps, some[0], seed, progress) if some else (None, None)
+    for pair in [p for p in some if any(p is n for n in some[0].near)][:SHOWN] if path is None else ():
+        if _shortfall(dataset, _joined(dataset, steps[0], steps[1:], pair), pair.fit.noise, len(steps), seed) <= 1.0:
+            path, last = _followed(dataset, steps, pair, seed, progress)
+            break
+    named = path is not None and _named(dataset, path, last.noise, len(steps), progress) == len(path)
+    return (path if named else None), last
 
 
 def _followed(dataset, steps, pair, seed, progress):
