@@ -84,7 +84,9 @@ def listed(names, values):
     Parameters
     ----------
     names : sequence of str
+        Of parameters.
     values : sequence of float
+        One a name, in its unit.
 
     Returns
     -------
