@@ -18,7 +18,7 @@ def scored(residual, columns):
     n, own = len(residual), object.__new__(Scores)
     own.table = SimpleNamespace(residual=residual[None], slope=np.zeros((1, 0, n)), time=STEP * np.arange(n),
                                 chain=chained(STEP * np.arange(n), np.zeros(n), True))
-    own.p, own.weights, own.few, own.columns = 0, [1.0], 1, list(columns[:, None])
+    own.p, own.weights, own.few, own.columns, own.thin = 0, [1.0], 1, list(columns[:, None]), []
     return own
 
 
