@@ -40,10 +40,7 @@ def solve(gram, x, free, low, high, evaluations):
 
     Notes
     -----
-    A friction that nothing loads lies at its bound in every second fit here. A step that is the best within the bounds
-    goes there at once, and the next goes along it. Steps that shy away from bounds, as those of SciPy's ``trf``, come
-    near by a part at a time: they take twice the evaluations, and where a valley is bent they end in the middle of it.
-    Steps in a box (``dogbox``) get stuck where directions are not determined. Measured by ``benchmarks.speed.solver``.
+    Why not SciPy's: `docs/explanation/identification.md`, measured by ``benchmarks.speed.solver``.
 
     References
     ----------
@@ -51,8 +48,7 @@ def solve(gram, x, free, low, high, evaluations):
            Society for Industrial and Applied Mathematics 11(2): steps damped in units of the derivative.
     .. [2] More, J. J. (1978). The Levenberg-Marquardt algorithm: implementation and theory. Lecture Notes in
            Mathematics 630: units that never shrink.
-    .. [3] Nielsen, H. B. (1999). Damping parameter in Marquardt's method. Technical University of Denmark,
-           IMM-REP-1999-05: how the damping follows what a step has brought.
+    .. [3] Nielsen, H. B. (1999). Damping parameter in Marquardt's method. DTU, IMM-REP-1999-05.
     """
     x = np.clip(x, low, high)
     g = gram(x)
