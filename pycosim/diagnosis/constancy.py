@@ -7,6 +7,7 @@ that the function was not fitted to, much of what it has taken away itself.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,6 +39,7 @@ PLACEBOS, ALIKE = 19, 0.5
 """Signals that the effect's own is compared with, itself at other times, and how much one may be like it. Beside
 something else that is missing a free function catches some of that whatever it multiplies, and on unseen passes too
 where the machine repeats its motion. Of 19, one is above the rest by chance in 5 % of the cases."""
+TINY = 1e-9  # of a slope's own square, that keeps what the data do not tell where it is
 CENTRE = 0.455  # median of the square of a normal variable
 
 
@@ -124,7 +126,7 @@ def constancy(dataset, model, fit, seed=0):
         for gain, _, name, _, function in sorted((t for t in tried if t[1] > t[3]), key=lambda t: -t[0]):
             if gain <= 0.0:
                 break
-            others = _placebos(added, slope, pieces, left, function, rng)
+            others = _placebos(laws, left, function, rng)
             # a sawtooth is a function of its angle whatever it is multiplied by
             rounded = max((max(laws.gain(r, function)[0], 0.0) for r in roundings), default=0.0)
             if gain > max(others, default=0.0) and gain - np.median(others or [0.0]) - rounded > best.gain * energy:
@@ -135,6 +137,8 @@ def constancy(dataset, model, fit, seed=0):
 
 class _Laws:
     """A law with one coefficient and one whose coefficient varies, each beside all other free parameters.
+
+    Products of what stays from one function to the next are made once; samples are sorted by fold for them.
 
     Parameters
     ----------
@@ -147,14 +151,41 @@ class _Laws:
     """
 
     def __init__(self, added, slope, pieces):
-        self.added, self.pieces, self.fold = added, pieces, pieces % FOLDS
+        fold = pieces % FOLDS
+        self.order, ends = np.argsort(fold, kind="stable"), np.cumsum(np.bincount(fold, minlength=FOLDS))
+        self.folds = [slice(b - size, b) for b, size in zip(ends, np.diff(ends, prepend=0))]
+        self.added, self.pieces = added, pieces
         size = np.sqrt((slope ** 2).sum((0, 2)))
-        self.slope = slope[:, size > 0] / size[size > 0, None]
+        self.slope = (slope[:, size > 0] / size[size > 0, None])[..., self.order]
+        self.sorted, self.normal, self._lefts = added[:, self.order], self._moments(self.slope, self.slope), []
+
+    def beside(self, other):
+        """The laws of another signal, with that among the slopes as well."""
+        size, laws = np.sqrt((other ** 2).sum()), copy(self)
+        laws.added, laws.sorted, laws._lefts = other, other[:, self.order], []
+        row, p = laws.sorted[:, None] / max(size, 1e-300), len(self.normal[0])
+        laws.slope = np.concatenate([self.slope, row], axis=1)
+        laws.normal = np.zeros((FOLDS, p + 1, p + 1))
+        laws.normal[:, :p, :p] = self.normal
+        laws.normal[:, p] = self._moments(row, laws.slope)[:, 0]
+        laws.normal[:, :, p] = laws.normal[:, p]
+        return laws
 
     def _moments(self, one, other):
         """Products of columns, fold by fold: (folds, k, m)."""
-        return np.array([(one[..., f] @ other[..., f].swapaxes(1, 2)).sum(0)
-                         for f in (self.fold == k for k in range(FOLDS))])
+        return np.array([(one[..., f] @ other[..., f].swapaxes(1, 2)).sum(0) for f in self.folds])
+
+    def _first(self, left):
+        """A residual sorted by fold, its products with the slopes, its noise, and what the first law leaves unseen."""
+        for known in self._lefts:
+            if known[0] is left:
+                return known[1:]
+        row = left[:, self.order]
+        side = self._moments(self.slope, row[:, None])[..., 0]
+        one = [row[:, f] - np.linalg.solve(n + TINY * np.eye(len(n)), s) @ self.slope[..., f] for f, n, s in zip(
+            self.folds, self.normal.sum(0) - self.normal, side.sum(0) - side)]
+        self._lefts.append((left, row, side, self._noise(left), one))
+        return self._lefts[-1][1:]
 
     def gain(self, left, functions):
         """What the second law takes more of a residual than the first, unseen, and how many standard errors that is.
@@ -162,19 +193,22 @@ class _Laws:
         ``functions``, shape (any, n), times the first make the second.
         """
         count, p = len(functions), self.slope.shape[1]
-        columns = np.concatenate([self.slope, self.added[:, None] * functions], axis=1)
-        normal, side = self._moments(columns, columns), self._moments(columns, left[:, None])[..., 0]
+        row, told, noise, first = self._first(left)
+        varied = self.sorted[:, None] * functions[:, self.order]
+        normal = np.zeros((FOLDS, p + count, p + count))
+        normal[:, :p, :p] = self.normal
+        normal[:, :p, p:] = self._moments(self.slope, varied)
+        normal[:, p:, :p] = normal[:, :p, p:].swapaxes(1, 2)
+        normal[:, p:, p:] = self._moments(varied, varied)
+        side = np.concatenate([told, self._moments(varied, row[:, None])[..., 0]], axis=1)
         # where it varies it may by about the coefficient itself: by no more than the data of that can tell
-        noise = self._noise(left)
-        prior = np.r_[np.full(p, 1e-9), np.full(count, np.median(noise))]
+        prior = np.diag(np.r_[np.full(p, TINY), np.full(count, np.median(noise))])
         gain = square = 0.0
-        for k in range(FOLDS):
-            n, s = normal.sum(0) - normal[k], side.sum(0) - side[k]
-            here = self.fold == k
-            one, other = (left[:, here] - np.einsum("cin,i->cn", columns[:, :own, here], np.linalg.solve(
-                n[:own, :own] + np.diag(prior[:own]), s[:own])) for own in (p, p + count))
+        for f, one, n, s in zip(self.folds, first, normal.sum(0) - normal, side.sum(0) - side):
+            x = np.linalg.solve(n + prior, s)
+            other = row[:, f] - x[:p] @ self.slope[..., f] - x[p:] @ varied[..., f]
             gain += float((one ** 2 - other ** 2).sum())
-            square += float(((one - other) ** 2 * noise[self.pieces[here]]).sum())
+            square += float(((one - other) ** 2 * noise[self.pieces[self.order[f]]]).sum())
         return gain, gain / (2.0 * np.sqrt(square) + 1e-300)
 
     def _noise(self, left):
@@ -192,14 +226,14 @@ class _Laws:
         return usual * np.maximum(1.0, size / (np.median(size) + 1e-300)) + 1e-9 * xx.sum()
 
 
-def _placebos(added, slope, pieces, left, functions, rng):
+def _placebos(laws, left, functions, rng):
     """Gains of signals that have nothing to do with the effect: its own at other times."""
-    n, size, found = added.shape[1], (added ** 2).sum(1), []
+    n, size, found = laws.added.shape[1], (laws.added ** 2).sum(1), []
     for shift in rng.permutation(np.linspace(0.02, 0.98, 4 * PLACEBOS)):
-        other = np.roll(added, int(n * shift), axis=1)
-        if abs((other * added).sum()) > ALIKE * size.sum():
+        other = np.roll(laws.added, int(n * shift), axis=1)
+        if abs((other * laws.added).sum()) > ALIKE * size.sum():
             continue
-        found.append(_Laws(other, np.concatenate([slope, other[:, None]], axis=1), pieces).gain(left, functions)[0])
+        found.append(laws.beside(other).gain(left, functions)[0])
         if len(found) == PLACEBOS:
             break
     return found

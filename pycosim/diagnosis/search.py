@@ -572,6 +572,8 @@ def _spared(dataset, steps, noise, seed, progress):
     """
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     for out, other in itertools.permutations(steps[1:], 2):
+        if not other.finding.twins:
+            continue
         rest = [s for s in steps[1:] if s not in (out, other)]
         without = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
         here, full = fulls.beside(without)

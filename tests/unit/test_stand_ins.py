@@ -235,7 +235,8 @@ def _any(seed):
 def _beyond_placebos(added, slope, pieces, left, speed, rng):
     """Whether a line, and levels, gain more than chance and than the signal itself at other times."""
     tried = _tried(left, slope[None], added[None], pieces, speed)
-    return [errors > 1 and gain > max(_placebos(added[None], slope[None], pieces, left, function, rng))
+    laws = _Laws(added[None], slope[None], pieces)
+    return [errors > 1 and gain > max(_placebos(laws, left, function, rng))
             for (gain, errors), function in zip(tried, (_straight(speed), _free(levels(speed))))]
 
 
