@@ -302,8 +302,8 @@ class Search:
             ratio = max(state.holds[k].smooth[c] / max(e, 1e-9) for k, a in there.holds.items()
                         for c, e in a.smooth.items())
             if ratio > _GAIN and abs(low + high - 2) > 0.04:
-                told = {(k, c) for k, a in there.holds.items() for c, e in a.smooth.items()
-                        if e < state.holds[k].smooth[c] / 1.2}
+                told = [(k, c) for k, a in there.holds.items() for c, e in a.smooth.items()
+                        if e < state.holds[k].smooth[c] / 1.2]
                 before, then = ({c: s.holds[k].error[c] for k, c in told} for s in (state, there))
                 found.append((ratio, Finding(
                     "scale", f"{columns.of(variable)} fits better times {(low + high) / 2:.3g}: "
@@ -338,9 +338,9 @@ class Search:
         after, found, done = self.mended(state), [], self.given
         for change, others in zip(state.changes, rivals):
             there = self._after(done, change)
-            told = {(k, c) for k in done.holds for c, e in done.holds[k].relative.items()
+            told = [(k, c) for k in done.holds for c, e in done.holds[k].relative.items()
                     if max(e, there.holds[k].relative[c]) >= _FLOOR and not (
-                        e / 1.2 < there.holds[k].relative[c] < 1.2 * e)}
+                        e / 1.2 < there.holds[k].relative[c] < 1.2 * e)]
             before, then = self._errors(state, told)
             also = [o.changes[-1] for o in others if self._equal(there, o) and o.changes[-1].variables]
             text = f"{change.text}: {self._told(before, then)}"
