@@ -1,6 +1,7 @@
 """How rivals are compared on folds that they were not fitted to."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ import pycosim as pc
 from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.scatter import _carried, noise_level
+from pycosim.diagnosis import trials
 from pycosim.diagnosis.crossval import Selection, _cross_validate, _predictive, difference, gap
-from pycosim.diagnosis.decide import _considered, _decide
+from pycosim.diagnosis.decide import _considered, _decide, _soon
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.rivals import BESIDE, CONTESTED, KINDS, alike, by_kind, too_many
 from pycosim.diagnosis.trials import pressed
@@ -19,6 +21,7 @@ from pycosim.fit.least_squares import Fit
 
 FREE = np.full(2, np.inf)
 BLOCKS, EACH = 7, 400
+HIP_KNEE = "DriveTrain.Rigs.HipKnee"
 
 
 def totals(columns, y, fold):
@@ -204,3 +207,43 @@ def test_a_size_at_the_end_of_what_is_allowed_is_no_measurement_but_none_at_all_
     fit = Fit({name: value}, [name], {name: variable}, np.array([value]), np.array([value]), error ** 2 * np.eye(1),
               np.zeros((0, 1)), 10.0, [], [], np.ones(1))
     assert pressed(model, fit) == end
+
+
+@pytest.mark.parametrize("earns", [True, False])
+def test_what_is_far_behind_is_refitted_only_where_none_earns_it(earns, monkeypatch):
+    """A delay is always fitted: a score sees little of one that jumps where a segment turns."""
+    some = [Finding(effect, "1A", statistic=statistic, p_value=0.001) for effect, statistic in (
+        ("viscous", 100.0), ("stribeck", 30.0), ("presliding", 5.0))]
+    some.append(Finding("time_delay", "torque", statistic=1.0, p_value=0.001))
+    asked, noise = [], np.random.default_rng(5).standard_normal(BLOCKS * EACH)
+
+    def refitted(*given):
+        for finding in given[4]:
+            asked.append(finding.effect)
+            finding.selection = residual_of(noise * (1.0 + 1.0 / finding.statistic))
+            yield finding
+    monkeypatch.setattr(trials, "_refitted", refitted)
+    dataset = SimpleNamespace(library=Library())
+    monkeypatch.setattr(dataset.library, "ahead", lambda *given: None)
+    scores = SimpleNamespace(akin=lambda key, share: [])
+    trials.refit_best(dataset, compile_model(dataset.library, HIP_KNEE, []), None, scores, some,
+                      residual_of(2.0 * noise), None, lambda said: None, lambda finding: earns)
+    assert asked == ["viscous", "stribeck", "time_delay", *([] if earns else ["presliding"])]
+
+
+@pytest.mark.parametrize(("effect", "place", "everywhere", "soon"), [
+    ("presliding", "1A", False, True), ("presliding", "1A", True, False), ("low_pass", "torque", True, True)])
+def test_what_a_memory_takes_right_after_turns_is_told_from_what_it_takes_everywhere(effect, place, everywhere, soon):
+    """Or by a filter, whatever it takes: so it was between two samples, not all over the way."""
+    way = np.tile(np.repeat([1.0, -1.0], 100), 10)
+    after = np.arange(way.size) % 100 < 3
+    left = np.ones((1, way.size))
+    mended = np.where(after | everywhere, 0.2, 1.0)[None]
+    dataset = SimpleNamespace(
+        library=Library(), speeds=way[None], time=0.01 * np.arange(way.size), run=np.zeros(way.size, int),
+        passes=np.arange(way.size) // 100, picks=lambda part: [(None, np.ones(way.size, bool))],
+        residuals=lambda model, *given: SimpleNamespace(residual=lambda values: mended if model.keys else left))
+    fit = SimpleNamespace(free=[], parameters={}, values=[], weights=np.ones(1))
+    finding = Finding(effect, place)
+    finding.fit = fit
+    assert _soon(dataset, (compile_model(dataset.library, HIP_KNEE, []), fit), finding) == soon
