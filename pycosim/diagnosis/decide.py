@@ -97,8 +97,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     table, scores = known or scored(dataset, model, fit, seed, progress)
     findings = as_findings(table, scores)
     base = select(dataset, model, fit, scores.single)
-    rivals = refit_best(dataset, model, fit, scores, findings, base, table, say,
-                        lambda f: f.refused is None and _refused(base, f) is None)
+    rivals = refit_best(dataset, model, fit, scores, findings, base, table, say)
     _refuse_as_lesser(whole, model, fit, base, rivals)
     told = dependence(dataset, model, fit, seed)
     depends, alarm = told.variables, told.sure

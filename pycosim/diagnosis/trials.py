@@ -19,9 +19,7 @@ from .finding import Finding
 from .rivals import ALIKE, behind, twins
 from .scores import LEVEL, PRESSED
 
-REFITS, FAR = 10, 0.1
-"""Candidates that are refitted, and the share of the best one's statistic from which one is. In 15 logs of as many
-kinds and those of the ball screw EMPS, what did nearly as well as the best had 0.34 of it and more, but for delays."""
+REFITS = 10
 BETWEEN = "over within a few samples, so that they do not show it"
 OWN, SIMILAR = "what the model's own travel does after turns", 2.0
 """Said of a travel less than so many times the rig's own, where that is at work."""
@@ -122,7 +120,7 @@ def start_of(candidate, coefficients):
     return {f"{base}.{n}": v for n, v in values.items()}
 
 
-def refit_best(dataset, model, fit, scores, findings, base, table, say, earns):
+def refit_best(dataset, model, fit, scores, findings, base, table, say):
     """Fit the model with each of the best candidates, and fill in what their findings say.
 
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
@@ -148,8 +146,6 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say, earns):
         Of the fitted model, with a column for each candidate.
     say : callable
         Takes a sentence on what is done next.
-    earns : callable
-        Whether a refitted finding is one by itself: only where none is, those far behind are fitted as well.
 
     Returns
     -------
@@ -163,13 +159,10 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say, earns):
         return min(some, key=lambda f: f.selection.white.sum())
 
     likely = [f for f in findings if f.p_value < 10 * LEVEL]
-    late = [f for f in likely if "delay" in find_effect(dataset.library, f.effect).scan.values()]
-    first = [f for f in likely if f in late or f in likely[:REFITS] and f.statistic >= FAR * likely[0].statistic]
+    first = likely[:REFITS] + [f for f in likely[REFITS:]
+                               if "delay" in find_effect(dataset.library, f.effect).scan.values()]
     dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in first])
     seen, unseen, asked, best = list(refitted(first)), [], set(), None
-    if not any(map(earns, seen)):
-        first += (far := [f for f in likely[:REFITS] if f not in first])
-        seen += refitted(far)
     while seen and (best := lowest([*seen, *unseen])).key not in asked:
         asked.add(best.key)  # what is fitted for its sake may be better, and has a kin of its own
         effects = {best.effect, *(f.effect for f in seen if twins(base, f, best))}

@@ -10,7 +10,6 @@ import pycosim as pc
 from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.scatter import _carried, noise_level
-from pycosim.diagnosis import trials
 from pycosim.diagnosis.crossval import Selection, _cross_validate, _predictive, difference, gap
 from pycosim.diagnosis.decide import _considered, _decide, _soon
 from pycosim.diagnosis.finding import Finding
@@ -207,28 +206,6 @@ def test_a_size_at_the_end_of_what_is_allowed_is_no_measurement_but_none_at_all_
     fit = Fit({name: value}, [name], {name: variable}, np.array([value]), np.array([value]), error ** 2 * np.eye(1),
               np.zeros((0, 1)), 10.0, [], [], np.ones(1))
     assert pressed(model, fit) == end
-
-
-@pytest.mark.parametrize("earns", [True, False])
-def test_what_is_far_behind_is_refitted_only_where_none_earns_it(earns, monkeypatch):
-    """A delay is always fitted: a score sees little of one that jumps where a segment turns."""
-    some = [Finding(effect, "1A", statistic=statistic, p_value=0.001) for effect, statistic in (
-        ("viscous", 100.0), ("stribeck", 30.0), ("presliding", 5.0))]
-    some.append(Finding("time_delay", "torque", statistic=1.0, p_value=0.001))
-    asked, noise = [], np.random.default_rng(5).standard_normal(BLOCKS * EACH)
-
-    def refitted(*given):
-        for finding in given[4]:
-            asked.append(finding.effect)
-            finding.selection = residual_of(noise * (1.0 + 1.0 / finding.statistic))
-            yield finding
-    monkeypatch.setattr(trials, "_refitted", refitted)
-    dataset = SimpleNamespace(library=Library())
-    monkeypatch.setattr(dataset.library, "ahead", lambda *given: None)
-    scores = SimpleNamespace(akin=lambda key, share: [])
-    trials.refit_best(dataset, compile_model(dataset.library, HIP_KNEE, []), None, scores, some,
-                      residual_of(2.0 * noise), None, lambda said: None, lambda finding: earns)
-    assert asked == ["viscous", "stribeck", "time_delay", *([] if earns else ["presliding"])]
 
 
 @pytest.mark.parametrize(("effect", "place", "everywhere", "soon"), [
