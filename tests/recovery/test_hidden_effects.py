@@ -7,9 +7,10 @@ import pytest
 from benchmarks.hidden_effects.cases import CATALOGUE, Case
 from benchmarks.hidden_effects.run import right, run, sized
 
-# seed 5 draws a coarse encoder: the samples that hold a delay's jumps are then below w_min, and nothing shows it
-SEEDS = {"time_delay": 0}
-EVERY_TIME = ("stribeck",)
+# seed 5 draws a coarse encoder: the samples that hold a delay's jumps are then below w_min, and nothing shows it; the
+# score of seed 1's hysteresis is less than a tenth of that of a presliding, which leaves nearly all
+SEEDS = {"time_delay": 0, "load_hysteresis": 1}
+EVERY_TIME = ("load_hysteresis",)
 """The others, up to two minutes each, in the slow tier, and all of them in the benchmark."""
 
 
