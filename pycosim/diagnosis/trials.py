@@ -125,7 +125,8 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
 
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
     are fitted as well, however low they rank. So is what could add the same as it does: an asymmetry of a loss that the
-    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss. A delay is
+    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss. A memory of
+    friction that takes half as much as the best is fitted at its other places too. A delay is
     always fitted: a record that jumps where a segment turns is far from straight in it, and a score sees little of it.
 
     Parameters
@@ -165,7 +166,8 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
     seen, unseen, asked, best = list(refitted(first)), [], set(), None
     while seen and (best := lowest([*seen, *unseen])).key not in asked:
         asked.add(best.key)  # what is fitted for its sake may be better, and has a kin of its own
-        effects = {best.effect, *(f.effect for f in seen if twins(base, f, best))}
+        effects = {best.effect, *(f.effect for f in seen
+                                  if twins(base, f, best) or _half_as_good(dataset, f, best, base))}
         rest = [f for f in findings if f not in seen and f not in unseen]
         unseen += refitted([f for f in rest if f.effect in effects and _unseen(dataset, model, fit, f)])
         akin = scores.akin(best.key, 1 - ALIKE)[:REFITS]
@@ -194,6 +196,13 @@ def _refitted(dataset, model, fit, scores, some, base, table, say):
             measure(f, m, m.attached[-1], table)
             f.refused = no_effect(dataset, m, f.fit)
             yield f
+
+
+def _half_as_good(dataset, finding, best, base):
+    """Whether a memory of friction takes half of what the best does: of its other places a score may see a sixteenth."""
+    takes, most = ((base.white - f.selection.white).sum() for f in (finding, best))
+    effect = find_effect(dataset.library, finding.effect)
+    return finding.refused is None and takes > HALF * most and bool(effect_question(dataset.library, effect).states)
 
 
 def _refuse_as_short(dataset, model, findings):
