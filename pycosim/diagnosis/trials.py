@@ -199,7 +199,7 @@ def _refitted(dataset, model, fit, scores, some, base, table, say):
 
 
 def _half_as_good(dataset, finding, best, base):
-    """Whether a memory of friction takes half of what the best does: of its other places a score may see a sixteenth."""
+    """Whether a memory of friction takes half of what the best does: of its other places a score sees little."""
     takes, most = ((base.white - f.selection.white).sum() for f in (finding, best))
     effect = find_effect(dataset.library, finding.effect)
     return finding.refused is None and takes > HALF * most and bool(effect_question(dataset.library, effect).states)

@@ -10,6 +10,7 @@ import pycosim as pc
 from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.scatter import _carried, noise_level
+from pycosim.diagnosis import trials
 from pycosim.diagnosis.crossval import Selection, _cross_validate, _predictive, difference, gap
 from pycosim.diagnosis.decide import _considered, _decide, _soon
 from pycosim.diagnosis.finding import Finding
@@ -206,6 +207,32 @@ def test_a_size_at_the_end_of_what_is_allowed_is_no_measurement_but_none_at_all_
     fit = Fit({name: value}, [name], {name: variable}, np.array([value]), np.array([value]), error ** 2 * np.eye(1),
               np.zeros((0, 1)), 10.0, [], [], np.ones(1))
     assert pressed(model, fit) == end
+
+
+@pytest.mark.parametrize(("effect", "share", "asked"), [
+    ("load_hysteresis", 0.7, True), ("load_hysteresis", 0.3, False), ("viscous", 0.7, False)])
+def test_a_memory_that_takes_half_of_the_best_is_refitted_at_its_other_places(effect, share, asked, monkeypatch):
+    some = [Finding(*key, statistic=20.0 - k, p_value=0.001) for k, key in enumerate([
+        ("time_delay", "torque"), (effect, "1A"), *(("torque_saturation", f"motor{n}") for n in range(8)),
+        (effect, "1A+2A")])]
+    takes = {("time_delay", "torque"): 1.0, (effect, "1A"): share}
+    fitted, rng = [], np.random.default_rng(5)
+    lost, noise = rng.standard_normal((2, BLOCKS * EACH))
+
+    def refitted(*given):
+        for finding in given[4]:
+            fitted.append(finding.key)
+            finding.selection = residual_of(noise + np.sqrt(1.0 - takes.get(finding.key, 0.1)) * lost)
+            yield finding
+    monkeypatch.setattr(trials, "_refitted", refitted)
+    monkeypatch.setattr(trials, "_refit_from", lambda *given: None)
+    dataset = SimpleNamespace(library=Library())
+    monkeypatch.setattr(dataset.library, "ahead", lambda *given: None)
+    monkeypatch.setattr(trials, "_unseen", lambda *given: False)
+    trials.refit_best(dataset, compile_model(dataset.library, HIP_KNEE, []), None,
+                      SimpleNamespace(akin=lambda key, share: [], single=None), some, residual_of(noise + lost), None,
+                      lambda said: None)
+    assert ((effect, "1A+2A") in fitted) == asked
 
 
 @pytest.mark.parametrize(("effect", "place", "everywhere", "soon"), [
