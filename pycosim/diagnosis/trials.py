@@ -32,6 +32,9 @@ screw EMPS, half a sample, nothing lies there."""
 RULED, BACK = 2.0, 0.1
 """Standard errors, and part of what a delay takes next to turns, that it may give back elsewhere. True ones of more
 than half a sample took something there, or gave back 0.03; two of half a sample gave back 0.3 and 0.9."""
+WORTH = 0.5
+"""Of what the best candidate takes, from which a memory of friction is refitted at its other places. A hysteresis of
+two stages took 0.8 of it at one of them."""
 TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
 
 
@@ -125,9 +128,9 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
 
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
     are fitted as well, however low they rank. So is what could add the same as it does: an asymmetry of a loss that the
-    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss. A memory of
-    friction that takes half as much as the best is fitted at its other places too. A delay is
-    always fitted: a record that jumps where a segment turns is far from straight in it, and a score sees little of it.
+    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss. Of a
+    memory of friction, or a record moved where a segment turns, a score sees little: one that takes half of what the
+    best does is fitted at its other places too, and a delay always.
 
     Parameters
     ----------
@@ -166,8 +169,7 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
     seen, unseen, asked, best = list(refitted(first)), [], set(), None
     while seen and (best := lowest([*seen, *unseen])).key not in asked:
         asked.add(best.key)  # what is fitted for its sake may be better, and has a kin of its own
-        effects = {best.effect, *(f.effect for f in seen
-                                  if twins(base, f, best) or _half_as_good(dataset, f, best, base))}
+        effects = {best.effect, *(f.effect for f in seen if twins(base, f, best) or _remembers(dataset, f, best, base))}
         rest = [f for f in findings if f not in seen and f not in unseen]
         unseen += refitted([f for f in rest if f.effect in effects and _unseen(dataset, model, fit, f)])
         akin = scores.akin(best.key, 1 - ALIKE)[:REFITS]
@@ -198,11 +200,11 @@ def _refitted(dataset, model, fit, scores, some, base, table, say):
             yield f
 
 
-def _half_as_good(dataset, finding, best, base):
-    """Whether a memory of friction takes half of what the best does: of its other places a score sees little."""
+def _remembers(dataset, finding, best, base):
+    """Whether it is a memory of friction that takes so much of what the best does that its other places may be it."""
     takes, most = ((base.white - f.selection.white).sum() for f in (finding, best))
     effect = find_effect(dataset.library, finding.effect)
-    return finding.refused is None and takes > HALF * most and bool(effect_question(dataset.library, effect).states)
+    return finding.refused is None and takes > WORTH * most and bool(effect_question(dataset.library, effect).states)
 
 
 def _refuse_as_short(dataset, model, findings):
