@@ -179,8 +179,7 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
         other = lowest([o for o in seen if o.effect == f.effect])
         if f is not other:
             _refit_from(dataset, model, scores.single, f, other, base)
-            # a score sees nothing of a share of a loss that the base model takes for none
-            if lowest((f, other)) is f or twins(base, f, other):
+            if lowest((f, other)) is f or twins(base, f, other):  # a score sees no share of a loss taken for none
                 f.p_value, f.p_value_single = min((f.p_value, f.p_value_single), (other.p_value, other.p_value_single))
     _refuse_as_short(dataset, model, seen + unseen)
     return seen + unseen
