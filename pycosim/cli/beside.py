@@ -1,21 +1,25 @@
-"""A search in; what it will need compiled, and its figures drawn, on a second core meanwhile, out."""
+"""A search in; what it will need compiled, some of its fits, and its figures drawn, on a second core meanwhile, out."""
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 from collections import deque
 from concurrent.futures import BrokenExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from threading import Thread
 
 from ..compile import compile_model, places, ranked, shared_library
 from ..compile.contribution import effect_question
-from ..core.executors import executor
+from ..core.executors import aided, executor
+from ..data.sent import Sent
 from ..report import figures
+
+LARGEST = 200_000  # samples of a data set that is made a second time in the other process
 
 
 class Beside:
-    """A process beside this one, where there is a second core for it: compiles ahead, draws figures.
+    """A process beside this one, where there is a second core for it: compiles ahead, fits, draws figures.
 
     Parameters
     ----------
@@ -75,6 +79,27 @@ class Beside:
             if self._two:
                 self.pool.submit(function, *arguments)
 
+    @contextmanager
+    def fits(self, dataset):
+        """Share the fits of a search that do not need each other with the process; none that has other work beside it.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            That is searched; one that is large is not kept twice.
+
+        Yields
+        ------
+        None
+            For a ``with`` block, all of whose searches it holds for.
+        """
+        if self._two and len(dataset.time) <= LARGEST and multiprocessing.parent_process() is None:
+            self._submit(_received, Sent(dataset.calm))
+            with aided(self.pool):
+                yield
+        else:
+            yield
+
     def save(self, *plot):
         """Have a plot drawn.
 
@@ -105,6 +130,11 @@ class Beside:
             self._feeder.join()
         for plot in self._failed:
             figures.save(*plot)
+
+
+def _received(sent):
+    """Have a data set at hand before the first fit asks for it."""
+    return len(sent.dataset.time)
 
 
 def _compile(rig):

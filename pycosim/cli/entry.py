@@ -60,7 +60,7 @@ def run_verb(arguments, progress):
         return ""
     if getattr(arguments, "studies", None):
         return verbs.improve_many(arguments, progress)
-    with computing(getattr(arguments, "on", "serial"), getattr(arguments, "workers", None)):
+    with computing(getattr(arguments, "on", None) or "serial", getattr(arguments, "workers", None)):
         return _on_one_study(verbs.Run(arguments, progress), arguments, start)
 
 

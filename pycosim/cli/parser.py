@@ -138,8 +138,10 @@ def _common_options(sub, verb):
                          help="count samples that are far out for less, as [fit] robust = true does")
     if verb in ELSEWHERE:
         what = "fits that do not need each other" + (", or several studies," if verb == "improve" else "")
-        sub.add_argument("--on", metavar="WHERE", default="serial",
-                         help=f"where {what} are computed: serial (default), threads, processes, or dask://HOST:PORT")
+        usual = ("in this process, of one study improved on a second core too" if verb in ("improve", "report")
+                 else "in this process")
+        sub.add_argument("--on", metavar="WHERE", help=f"where {what} are computed: serial, threads, processes, or "
+                                                       f"dask://HOST:PORT (default: {usual})")
         sub.add_argument("--workers", type=int, metavar="N", help="threads or processes (default: one a core)")
     reads = verb not in ("demo", "export", "cosim")
     sub.add_argument("--data", nargs="+", metavar="FILE",

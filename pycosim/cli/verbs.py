@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -162,8 +162,10 @@ def _improve(run, arguments):
         _improved(run)
         return
     from .beside import Beside
-    with Beside(run.project.dataset.library, run.project.study.rig) as beside:
-        found = _improved(run)
+    dataset = run.project.dataset
+    with Beside(dataset.library, run.project.study.rig) as beside:
+        with beside.fits(dataset) if arguments.on is None else nullcontext():
+            found = _improved(run)
         run.draw("write_figures", found.found, beside.save)
         beside.begin()
         found.report(run.folder.file("report.html"), run.folder.file("data") if run.verb == "report" else None)
@@ -231,7 +233,7 @@ def improve_many(arguments, progress):
     """
     from .batch import COLUMNS, TABLE, improve_all
     start, out = time.monotonic(), Path(arguments.out or "studies_improve")
-    rows = improve_all(arguments.studies, out, arguments.on, arguments.workers, arguments.robust, progress,
+    rows = improve_all(arguments.studies, out, arguments.on or "serial", arguments.workers, arguments.robust, progress,
                        arguments.bare)
     if arguments.json:
         return records.to_json({"schema": 1, "studies": rows})

@@ -6,8 +6,9 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections import deque
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from queue import Empty, SimpleQueue
 
@@ -226,6 +227,67 @@ def computing(where="serial", workers=None, imports=("pycosim.diagnosis.search",
             _POOL.reset(before)
 
 
+@contextmanager
+def aided(pool):
+    """Fits that do not need each other are computed here, and by a pool of one process what is left of them meanwhile.
+
+    This process begins with the first of them, the other with the last: neither waits for more than one. The answers
+    are those of `computing`.
+
+    Parameters
+    ----------
+    pool : concurrent.futures.Executor
+        Of one process; it may have other work as well.
+
+    Yields
+    ------
+    None
+        For a ``with`` block, all of whose searches it holds for.
+    """
+    before = _POOL.set(_Aid(pool))
+    try:
+        yield
+    finally:
+        _POOL.reset(before)
+
+
+class _Aid:
+    """A pool that is given the last piece of what nobody has begun, and then the next."""
+
+    def __init__(self, pool):
+        self.pool = pool
+
+    def shared(self, work):
+        """Results of pieces of work, in their order."""
+        left, given, lock = deque(range(len(work))), {}, threading.RLock()
+
+        def give(done=None):
+            if done is not None and not done.cancelled() and lost(done.exception()):
+                return  # a pool that ends its futures has no ear for more
+            with lock, suppress(BrokenExecutor):
+                if left:
+                    given[left[-1]] = self.pool.submit(*work[left[-1]])
+                    given[left.pop()].add_done_callback(give)
+
+        give()
+        try:
+            for number, (function, *arguments) in enumerate(work):
+                with lock:
+                    mine = bool(left) and left[0] == number
+                    if mine:
+                        left.popleft()
+                if not mine and given[number].cancel():  # it had other work
+                    mine = True
+                if not mine:
+                    list(_ended([given[number]]))
+                    mine = lost(given[number].exception())
+                yield function(*arguments) if mine else given[number].result()
+        finally:
+            left.clear()
+            for future in given.values():
+                future.cancel()
+
+
 def in_turn(work):
     """Results of pieces of work that do not need each other, in their order; computed where `computing` says.
 
@@ -250,6 +312,9 @@ def in_turn(work):
     if pool is None or isinstance(pool, Serial):  # one after the other, so that what is not asked for is not done
         for function, *arguments in work:
             yield function(*arguments)
+        return
+    if isinstance(pool, _Aid):
+        yield from pool.shared(list(work))
         return
     futures = [(pool.submit(*piece), piece) for piece in work]
     try:
@@ -313,4 +378,4 @@ def _dask(address):
         yield pool
 
 
-__all__ = ["ExecutorError", "Serial", "computing", "each", "executor", "in_turn", "lost"]
+__all__ = ["ExecutorError", "Serial", "aided", "computing", "each", "executor", "in_turn", "lost"]

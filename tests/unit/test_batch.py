@@ -17,7 +17,7 @@ import pytest
 import pycosim as pc
 from pycosim.cli import batch
 from pycosim.cli.entry import main
-from pycosim.core.executors import ExecutorError, computing, each, executor, in_turn
+from pycosim.core.executors import ExecutorError, aided, computing, each, executor, in_turn
 from pycosim.data.sent import Sent
 
 
@@ -213,6 +213,49 @@ def test_results_come_in_turn_and_what_was_killed_elsewhere_is_done_here():
     assert list(in_turn(work)) == [8, "here", 2]
 
 
+def where_it_is_done(number):
+    """The number and the process, after a moment in which the other comes to its own."""
+    time.sleep(0.05)
+    return number, os.getpid()
+
+
+def fails(number):
+    raise ValueError(f"number {number}")
+
+
+def test_a_second_process_takes_the_last_of_what_this_one_has_not_begun():
+    with executor("processes", 1) as pool:
+        pool.submit(os.getpid).result()  # it has come up
+        with aided(pool):
+            done = list(in_turn((where_it_is_done, k) for k in range(8)))
+            assert [k for k, _ in done] == list(range(8))
+            mine = [process == os.getpid() for _, process in done]
+            assert mine == sorted(mine, reverse=True) and 0 < sum(mine) < 8
+            assert list(in_turn([])) == []
+
+
+def test_a_second_process_that_has_other_work_is_not_waited_for():
+    with executor("processes", 1) as pool:
+        busy = [pool.submit(time.sleep, 2.0) for _ in range(2)]  # one is begun, and one beside it is on its way
+        with aided(pool):
+            start = time.monotonic()
+            assert list(in_turn((pow, k, 2) for k in range(4))) == [0, 1, 4, 9]
+        assert not busy[-1].done() and time.monotonic() - start < 2.0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_what_a_second_process_ends_in_or_fails_with_is_done_or_raised_here():
+    with executor("processes", 1) as pool, aided(pool):
+        assert list(in_turn((killed_elsewhere, os.getpid(), k) for k in range(5))) == [*range(5)]
+        assert list(in_turn((killed_elsewhere, os.getpid(), k) for k in range(5))) == [*range(5)], "it has ended"
+    with executor("processes", 1) as pool, aided(pool):
+        results = in_turn([(pow, 2, 3), (fails, 1), (pow, 2, 2)])
+        assert next(results) == 8
+        with pytest.raises(ValueError, match="number 1"):
+            next(results)
+        assert list(in_turn([(pow, 2, 3), (pow, 2, 2)])) == [8, 4]
+
+
 def test_what_is_not_asked_for_is_not_done():
     done = []
     results = in_turn([(done.append, 1), (done.append, 2)])
@@ -221,11 +264,15 @@ def test_what_is_not_asked_for_is_not_done():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("where", ["threads", "processes"])
+@pytest.mark.parametrize("where", ["threads", "processes", "beside"])
 def test_a_diagnosis_is_the_same_wherever_its_fits_are_computed(hidden, where):
     def told():
         return pc.open(hidden / "study.toml").diagnose().candidates.to_frame().to_csv()
     here = told()
+    if where == "beside":
+        with executor("processes", 1) as pool, aided(pool):
+            assert told() == here
+        return
     with pc.computing(where, workers=2):
         assert told() == here
 

@@ -1,6 +1,8 @@
 """Claims about figures: axes say what they show and in which unit, no peak of a long log is lost, files are written."""
 
+import os
 import re
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 
 from pycosim.cli import beside, demo
 from pycosim.compile import Library, compile_model
+from pycosim.core.executors import in_turn
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis import compare
 from pycosim.diagnosis.dependence import noise_floor
@@ -154,6 +157,24 @@ def test_figures_of_another_process_are_the_same_also_when_it_ends(dataset, impr
         figures.save(plot, tmp_path / "here", f"plot{k}")
     here, there = ({p.name: p.read_bytes() for p in (tmp_path / w).iterdir()} for w in ("here", "there"))
     assert here == there and len(here) == 6
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kept_once", [False, True])
+def test_a_second_core_takes_fits_unless_the_data_are_large_or_others_have_it(kept_once, dataset, monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    for large, within in ((0, None), (len(dataset.time), object())) if kept_once else ((len(dataset.time), None),):
+        monkeypatch.setattr(beside, "LARGEST", large)
+        monkeypatch.setattr("multiprocessing.parent_process", lambda within=within: within)
+        with beside.Beside(dataset.library) as second, second.fits(dataset):
+            second.pool.submit(len, "").result()  # it has come up
+            took = set(in_turn((_slowly, k) for k in range(4)))
+            assert (took == {os.getpid()}) == kept_once
+
+
+def _slowly(number):
+    time.sleep(0.1)
+    return os.getpid()
 
 
 @pytest.mark.long
