@@ -99,6 +99,8 @@ def improve_one(study, folder, robust=False, bare=False):
         return _failed(study, time.monotonic() - start, str(error))
     except Exception as error:  # a fault of ours is a row too: the other studies go on
         return _failed(study, time.monotonic() - start, f"{type(error).__name__}: {error}")
+    if not (Path(folder) / "parameters.json").exists():  # nothing moves: nothing was fitted
+        return {**_failed(study, time.monotonic() - start, ""), "verdict": "not_enough_excitation"}
     found = Search.load(folder)
     final = found.steps[-1]
     return {"study": study, "verdict": found.verdict, "added": " ".join(found.added),

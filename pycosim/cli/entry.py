@@ -11,7 +11,7 @@ import traceback
 import warnings
 
 from .. import __version__
-from ..core.errors import PycosimError
+from ..core.errors import PycosimError, StillError
 from ..core.executors import computing
 from .parser import VERBS, UsageError, build_parser, complete, parse
 from .progress import Progress
@@ -79,9 +79,12 @@ def _on_one_study(run, arguments, start):
     with run.folder:
         if arguments.verb == "plan" and not run.has_logs:
             run.lines.append("No log was given: what is known is what the study's [parameters] say.")
-        elif arguments.verb not in ("export", "check"):
-            run.read()
-        verbs.VERB[arguments.verb](run, arguments)
+        try:
+            if arguments.verb not in ("export", "check") and (arguments.verb != "plan" or run.has_logs):
+                run.read()
+            verbs.VERB[arguments.verb](run, arguments)
+        except StillError as error:
+            verbs.still(run, error)
     if arguments.json:
         return run.main
     return "\n".join([*run.lines, f"Took {time.monotonic() - start:.1f} s.",

@@ -211,6 +211,33 @@ def _plan(run, arguments):
     run.lines += found.sentences
 
 
+def still(run, error):
+    """Answer for a log in which nothing moves, or too little for a fit: that is a verdict too.
+
+    Parameters
+    ----------
+    run : Run
+        Of the verb.
+    error : StillError
+        What the log lacks.
+
+    Raises
+    ------
+    StillError
+        The verb has no verdict, or the log is one of several, of which the others may do.
+    """
+    study = run.project.study
+    if run.verb not in ("diagnose", "improve") or len(study.runs) + len(study.held_out) > 1:
+        raise error
+    for name, record in records.still(run.project.library, study.rig).items():
+        if name in WRITES[run.verb]:
+            run.write(name, record)
+    if run.verb == "improve":
+        from ..study.write import write_study
+        write_study(study, run.folder.file("study.toml"))
+    run.lines += [f"{error}.", "These data move too little to tell whether an effect is missing."]
+
+
 VERB = {"check": _check, "compare": _compare, "identify": _identify, "diagnose": _diagnose, "add": _add,
         "improve": _improve,
         "report": _improve, "confirm": _confirm, "plan": _plan, "export": _export}

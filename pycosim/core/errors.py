@@ -16,6 +16,10 @@ class DataError(PycosimError):
     """A log cannot be used as it is."""
 
 
+class StillError(DataError):
+    """Nothing moves in a log, or too little for a fit; no mistake, if that is what was recorded."""
+
+
 class UnknownNameError(PycosimError):
     """A name (parameter, effect, place, column, class, unit) that nothing carries."""
 

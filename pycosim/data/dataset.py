@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from ..compile import ArrayFunction, catalogue, compile_model
-from ..core.errors import DataError
+from ..core.errors import DataError, StillError
 from ..dynamics.delays import Clock, Record, undo
 from ..dynamics.filters import settings
 from ..dynamics.states import propagate
@@ -419,9 +419,9 @@ class Dataset:
                             f"stretches alone that must not count, within {self.time[0]:.6g} to {self.time[-1]:.6g} s")
         if not self.moving.any():
             beyond = " beside what leave_out leaves out" if self.left_out.any() else ""
-            raise DataError(f"{self.logs[0].path}: not_enough_excitation: nothing moves{beyond}: no sample has every "
-                            f"segment faster than w_min = {self.w_min:.3g} {self.speed_unit}; record motion, or lower "
-                            "[data] w_min in the study")
+            raise StillError(f"{self.logs[0].path}: not_enough_excitation: nothing moves{beyond}: no sample has every "
+                             f"segment faster than w_min = {self.w_min:.3g} {self.speed_unit}; record motion, or lower "
+                             "[data] w_min in the study")
         self.blocks = segmentation.blocks(self.time, self.config, self.passes, self.speeds, self.run,
                                           paired=self.paired)
         self.block = self.blocks.index
@@ -640,7 +640,7 @@ class Dataset:
 
         Raises
         ------
-        DataError
+        StillError
             Fewer samples than free parameters and two.
         """
         question = self.ask(model)
@@ -650,8 +650,8 @@ class Dataset:
         own = {name: (of, self.run[index] == run) for of, runs in self.parameters.own(model).items()
                for run, name in runs.items() if name in free or name in parameters}
         if len(index) < len(free) + 2:
-            raise DataError(f"{self.logs[0].path}: not_enough_excitation: only {len(index)} usable samples for "
-                            f"{len(free)} free parameters; record a longer log with motion in both directions")
+            raise StillError(f"{self.logs[0].path}: not_enough_excitation: only {len(index)} usable samples for "
+                             f"{len(free)} free parameters; record a longer log with motion in both directions")
         measured = (np.zeros((len(self.outputs), len(index))) if self.paired
                     else np.array([self.reference(c)[index] for c in self.outputs]))
         signals = self.signals if signals is None else signals

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import DataError, closest
+from ..core.errors import DataError, StillError, closest
 from ..core.units import UNITS
 from .chunks import Gathered
 from .copies import refuse_copies
@@ -275,9 +275,24 @@ def _check_motion(log, used):
     still = [not np.ptp(log.signals[c.variable]) for c in angles.values()]
     if not angles:
         still = [not log.signals[c.variable].any() for c in speeds.values()]
-    if still and all(still):
-        raise DataError(f"{log.path}: not_enough_excitation: nothing moves: {', '.join(angles or speeds)} "
-                        f"{'keep' if len(still) > 1 else 'keeps'} one value; take the run out of the study")
+    if not still or not all(still):
+        return
+    turning = [n for n, c in speeds.items() if _goes_on(log.signals[c.variable])]
+    if turning:
+        raise DataError(f"{log.path}: stuck: {_keep(angles)} while {', '.join(turning)} "
+                        f"{'move' if len(turning) > 1 else 'moves'}; take "
+                        f"{'those' if len(angles) > 1 else 'that'} out of [columns], or log what the encoder reads")
+    raise StillError(f"{log.path}: not_enough_excitation: nothing moves: {_keep(angles or speeds)}; record motion, or "
+                     "take the run out of the study")
+
+
+def _goes_on(values):
+    """Whether a signal keeps to what it did a sample before, as motion does and noise about a standstill does not."""
+    return np.mean(np.diff(values) ** 2) < np.var(values)
+
+
+def _keep(columns):
+    return f"{', '.join(columns)} {'keep' if len(columns) > 1 else 'keeps'} one value"
 
 
 def _check_speeds(log):

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 
-from ..compile import component_name, find_effect
+from ..compile import component_name, find_effect, places, ranked
 from ..compile.contribution import effect_question
+from ..compile.effects import annotation
 from ..diagnosis.finding import Diagnosis, Finding
 from ..diagnosis.search import Improvement, Step
 from ..fit.nullspace import null_directions, weak_directions
@@ -141,6 +143,30 @@ def diagnosis(found, dataset):
                   "excitation": found.excitation, "smallest_detectable": found.smallest,
                   "unexplained": found.unexplained, "channels": found.channels,
                   "thresholds": thresholds("diagnosis")})
+
+
+def still(library, rig):
+    """What a search leaves of a log in which nothing moves: no error, no candidate, and what each effect needs.
+
+    Parameters
+    ----------
+    library : Library
+        Which holds the rig.
+    rig : str
+        Full name of the class.
+
+    Returns
+    -------
+    dict of str to dict
+        By file name, as of `diagnosis` and `ladder`.
+    """
+    hidden = [{"effect": effect.id, "place": place.name, "why": "nothing moves, or too little for a fit",
+               "experiment": annotation(library, effect.model).get("experiment", "vary speed, load and direction")}
+              for effect in ranked(library) for place in places(library, rig, effect)]
+    nothing = SimpleNamespace(library=library, units={}, held_out_ranges=list)
+    found = diagnosis(Diagnosis("not_enough_excitation", {}, {}, [], [], hidden), nothing)
+    return {"diagnosis.json": found, "diagnosis_final.json": found,
+            "ladder.json": ladder([Step(None, None, None, {}, {})], nothing)}
 
 
 def diagnosis_of(record):

@@ -13,6 +13,7 @@ from tiers import cases
 
 import pycosim as pc
 from benchmarks.hidden_effects.machine import PAPER, measure, six_manoeuvres
+from pycosim.cli import batch
 from pycosim.cli.entry import main
 
 STUDY = (Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml").read_text()
@@ -356,7 +357,21 @@ def test_a_machine_that_stands_still_is_told_to_move_too_little(steps, whole, he
         whole = whole.assign(**{name: 0.3 + 1.534e-3 * steps * (np.arange(len(whole)) // (70 + n) % 2)})
     whole.to_csv(here / "log.csv", index=False)
     (here / "study.toml").write_text(STUDY)
-    refused(here, capsys, "not_enough_excitation", "diagnose")
+    (here / "known.toml").write_text(STUDY.replace("runs = []", 'runs = ["log.csv"]'))
+    refused(here, capsys, "not_enough_excitation")
+    whole.assign(tau1=0.9 * whole.tau1).to_csv(here / "other.csv", index=False)
+    refused(here, capsys, "not_enough_excitation", "diagnose", data=("log.csv", "other.csv"))
+    row = batch.improve_one(str(here / "known.toml"), str(here / "row"), bare=True)
+    assert (row["verdict"], row["failure"], row["added"]) == ("not_enough_excitation", "", "")
+    assert main(["improve", "study.toml", "--data", "log.csv", "--out", "out", "--bare"]) == 0
+    said = capsys.readouterr().out
+    assert "not_enough_excitation: nothing moves" in said and "move too little to tell" in said
+    found, final, ladder = (json.loads((here / "out" / f"{name}.json").read_text())
+                            for name in ("diagnosis", "diagnosis_final", "ladder"))
+    assert found == final and found["verdict"] == "not_enough_excitation" and found["candidates"] == []
+    assert [step["added"] for step in ladder["steps"]] == [None]
+    hidden = {(u["effect"], u["place"]): u["experiment"] for u in found["undetectable"]}
+    assert "speed" in hidden["viscous", "1A"]
 
 
 @pytest.mark.parametrize("kind", cases(POOR, [], ["one load"]))
