@@ -14,7 +14,9 @@ import numpy as np
 
 from ..compile import component_name
 from ..data.instruments import rounding
+from .crossval import difference
 from .dependence import AGAIN, FOLDS, SAMPLES, explanations
+from .rivals import ALIKE, SEPARATE
 
 LEVELS, PARTS = 8, 64  # of a variable, over which the coefficient may differ, and of its range
 LACK = 0.02
@@ -35,7 +37,7 @@ BOTH = 0.1  # of the samples, at which a variable must have either sign for its 
 OWN = 0.1
 """Of what an effect adds, that some variable and direction must explain for a law of that variable to be mistaken for
 it. A ripple of hundreds of cycles, or a lag, looks like nothing else, even where its size varies."""
-PLACEBOS, ALIKE = 19, 0.5
+PLACEBOS, OTHER = 19, 0.5
 """Signals that the effect's own is compared with, itself at other times, and how much one may be like it. Beside
 something else that is missing a free function catches some of that whatever it multiplies, and on unseen passes too
 where the machine repeats its motion. Of 19, one is above the rest by chance in 5 % of the cases."""
@@ -100,15 +102,7 @@ def constancy(dataset, model, fit, seed=0):
     dict of (str, str) to Constancy
         By effect and place.
     """
-    view = dataset.view("fit")
-    index = view.i if dataset.paired else view
-    problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
-    sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
-    thin = max(1, problem.n // SAMPLES)
-    problem, sloped, index = problem.thin(thin), sloped.thin(thin), index[::thin]
-    slope = fit.weights[:, None, None] * np.concatenate([j for _, _, j in sloped.blocks(fit.values)], axis=2)
-    left = fit.weights[:, None] * problem.residual(fit.values)
-    pieces = _pieces(problem.block)
+    slope, left, index, pieces, thin = _seen(dataset, model, fit)
     values = explanations(dataset, model, fit, index)
     bins = {n: levels(v) for n, v in values.items()}
     functions = [law for n in values for law in (
@@ -132,6 +126,68 @@ def constancy(dataset, model, fit, seed=0):
             if gain > max(others, default=0.0) and gain - np.median(others or [0.0]) - rounded > best.gain * energy:
                 best.gain, best.variable = float(gain - np.median(others or [0.0]) - rounded) / energy, name
                 break
+    return found
+
+
+def as_good_a_law(dataset, before, after, key):
+    """Whether an effect whose coefficient is a straight line of some variable predicts as well as with further effects.
+
+    A friction of speed times load, in a motion whose loads differ between the ways, is a viscosity and another one that
+    differs between them: two effects, each of which is the same all over the data. So is the viscosity alone that grows
+    with the load, and no more than that is known then. Both are fitted to four fifths of short stretches, with all that
+    is free before, and compared on the last.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its fit part is looked at.
+    before, after : (Model, Fit)
+        With the effect and without the further ones, and with them.
+    key : (str, str)
+        Effect and place.
+
+    Returns
+    -------
+    bool
+        Unseen stretches do not tell some such law from the further effects, as of two rivals.
+    """
+    (model, fit), (larger, found) = before, after
+    slope, left, index, pieces, _ = _seen(dataset, model, fit)
+    more = _seen(dataset, larger, found)[0][:, [k for k, n in enumerate(found.free) if n not in fit.free]]
+    added = _added(model, fit, *next(a for a in model.attached if (a[0].id, a[1].name) == key), slope)
+    values = explanations(dataset, model, fit, index)
+    if max(_follows(added, values, {n: levels(v) for n, v in values.items()}).values(), default=1.0) < OWN:
+        return False
+    none, other = (_unseen(np.concatenate([slope, columns], axis=1), left, pieces) for columns in (more[:, :0], more))
+    for v in (v for n in values for v in _sided(values[n]) if np.ptp(v) > 0):
+        one = _unseen(np.concatenate([slope, (added * _straight(v))[:, None]], axis=1), left, pieces)
+        behind, spread = difference(one, other)
+        if behind <= SEPARATE * spread and behind < ALIKE * (none - other).sum():
+            return True
+    return False
+
+
+def _seen(dataset, model, fit):
+    """Slopes by signals without noise and residual, in units of the weights; samples, stretches, every how many."""
+    view = dataset.view("fit")
+    problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
+    sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
+    thin = max(1, problem.n // SAMPLES)
+    problem, sloped, index = problem.thin(thin), sloped.thin(thin), (view.i if dataset.paired else view)[::thin]
+    slope = fit.weights[:, None, None] * np.concatenate([j for _, _, j in sloped.blocks(fit.values)], axis=2)
+    return slope, fit.weights[:, None] * problem.residual(fit.values), index, _pieces(problem.block), thin
+
+
+def _unseen(slope, left, pieces):
+    """Squares of a residual in each stretch, after a fit to the stretches of the other folds."""
+    size = np.sqrt((slope ** 2).sum((0, 2)))
+    slope, fold, found = slope[:, size > 0] / size[size > 0, None], pieces % FOLDS, np.zeros(pieces.max() + 1)
+    own = [fold == f for f in range(FOLDS)]
+    normal = np.array([(slope[..., o] @ slope[..., o].swapaxes(1, 2)).sum(0) for o in own])
+    side = np.array([np.einsum("ckn,cn->k", slope[..., o], left[:, o]) for o in own])
+    for o, n, s in zip(own, normal.sum(0) - normal, side.sum(0) - side):
+        error = left[:, o] - np.linalg.solve(n + TINY * np.eye(len(n)), s) @ slope[..., o]
+        found += np.bincount(pieces[o], (error ** 2).sum(0), len(found))
     return found
 
 
@@ -231,7 +287,7 @@ def _placebos(laws, left, functions, rng):
     n, size, found = laws.added.shape[1], (laws.added ** 2).sum(1), []
     for shift in rng.permutation(np.linspace(0.02, 0.98, 4 * PLACEBOS)):
         other = np.roll(laws.added, int(n * shift), axis=1)
-        if abs((other * laws.added).sum()) > ALIKE * size.sum():
+        if abs((other * laws.added).sum()) > OTHER * size.sum():
             continue
         found.append(laws.beside(other).gain(left, functions)[0])
         if len(found) == PLACEBOS:

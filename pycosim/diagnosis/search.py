@@ -9,13 +9,13 @@ from ..compile import compile_model, corrections, find_effect, find_place, place
 from ..core.errors import PycosimError, StudyError
 from ..fit import least_squares
 from . import compare, pairs
-from .constancy import allowed, constancy
+from .constancy import allowed, as_good_a_law, constancy
 from .crossval import difference, select
 from .decide import OPEN, diagnose, scored
 from .dependence import dependence
 from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises, slow
-from .rivals import ALIKE, PLAIN, SEPARATE, alike, behind, too_many
+from .rivals import PLAIN, SEPARATE, alike, behind, too_many
 from .trials import TRIAL, nudged, pressed
 
 MOST = 6  # effects that one search may add
@@ -404,9 +404,8 @@ def _shortfall(dataset, steps, noise, known, seed):
     """How far the effects added after the known steps are from having one coefficient all over the data.
 
     Over what is allowed: the largest of what each would gain where its coefficient varies, beside the others, of what
-    it adds to the errors of the held-out part, and of what is left over what they have taken together. Nor may
-    another gain as much without it where the coefficient of that varies, as an alternative would have to: else a law of
-    which the other is an average does as well as both.
+    it adds to the errors of the held-out part, and of what is left over what they have taken together. Nor may another
+    do as well without it where the coefficient of that varies: a law is then missing of which the other is an average.
     """
     added = [s.added for s in steps[known:]]
     if any(pressed(steps[-1].model, steps[-1].fit, (e, p)) for e, p in steps[-1].model.attached
@@ -437,10 +436,8 @@ def _shortfall(dataset, steps, noise, known, seed):
         worst = max(worst, beyond(risen(model, fit), alone) / (LEFT * takes))
         effect = next(e for e, p in steps[-1].model.attached if (e.id, p.name) == out.added)
         worst = max(worst, told[out.added].gain * full.raw.sum() / (allowed(effect) * takes))
-        if len(added) > 1:
-            lacking = constancy(here, model, fit)
-            gain = max(lacking[key].gain for key in added if key != out.added)
-            worst = max(worst, gain * alone.raw.sum() / ((1.0 - ALIKE) * takes))
+        if any(as_good_a_law(here, (model, fit), (steps[-1].model, steps[-1].fit), k) for k in added if k != out.added):
+            return float("inf")
     return worst
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from pycosim.diagnosis import constancy
 from pycosim.diagnosis.constancy import (
     FREE,
     OWN,
@@ -16,6 +17,7 @@ from pycosim.diagnosis.constancy import (
     _placebos,
     _sided,
     _straight,
+    as_good_a_law,
     levels,
 )
 from pycosim.diagnosis.dependence import Dependence, _dependence, _Given, calm_floor, noise_floor
@@ -66,6 +68,37 @@ def _by_load(law, seed):
     left, slope, added = _fitted(lambda w: law(w, load), speed, rng)
     laws = _Laws(added, slope, _pieces(block))
     return [laws.gain(left, _straight(v))[1] / SURE for v in _sided(load)]
+
+
+def _as_good(law, load, seed, monkeypatch):
+    """Whether a viscosity on a straight line does as well as one with an asymmetry beside it, fitted to a law."""
+    rng = np.random.default_rng(seed)
+    speed = rng.uniform(0.5, 2.0, 30).repeat(120) * np.sin(2 * np.pi * np.arange(3600) / 120)
+    slopes = np.array([np.sign(speed), speed, np.abs(speed)])
+    measured = law(speed, load) + 0.1 * rng.standard_normal(speed.size)
+    x = np.linalg.lstsq(slopes[:2].T, measured, rcond=None)[0]
+    seen = {2: slopes[None, :2], 3: slopes[None]}
+    viscous = SimpleNamespace(id="viscous"), SimpleNamespace(name="gear")
+    monkeypatch.setattr(constancy, "_seen", lambda dataset, model, fit: (
+        seen[len(fit.free)], (measured - x @ slopes[:2])[None], None, _pieces(np.repeat(np.arange(30), 120)), 1))
+    monkeypatch.setattr(constancy, "_added", lambda *given: (x[1] * speed)[None])
+    monkeypatch.setattr(constancy, "explanations", lambda *given: {"load": load, "speed": speed})
+    before, after = ((SimpleNamespace(attached=[viscous]), SimpleNamespace(free=free)) for free in ("fb", "fba"))
+    return as_good_a_law(None, before, after, ("viscous", "gear"))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_law_that_nobody_knows_is_seen_behind_two_effects(seed, monkeypatch):
+    """Where the load is that of the way, a loss of speed times load is a viscosity and an asymmetry of it."""
+    way = np.sign(np.sin(2 * np.pi * np.arange(3600) / 120))
+    noise = np.random.default_rng(seed).normal(0, 0.05, way.size)
+    assert _as_good(lambda w, load: 0.3 * np.sign(w) + 0.2 * w * load, 1 + 0.4 * way + noise, seed, monkeypatch)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_two_effects_are_no_law_where_loads_differ_otherwise_than_ways(seed, monkeypatch):
+    load = 1 + 0.4 * np.sin(2 * np.pi * np.arange(3600) / 400 + 0.4)
+    assert not _as_good(lambda w, load: 0.3 * np.sign(w) + 0.2 * w + 0.08 * np.abs(w), load, seed, monkeypatch)
 
 
 def test_a_viscosity_that_grows_with_the_square_of_a_load_is_seen_in_the_magnitude_of_that():
