@@ -130,7 +130,7 @@ def constancy(dataset, model, fit, seed=0):
 
 
 def as_good_a_law(dataset, before, after, key):
-    """The variable on a straight line of which an effect's coefficient predicts as well as further effects beside it.
+    """Whether an effect whose coefficient is a straight line of some variable predicts as well as with further effects.
 
     A friction of speed times load, in a motion whose loads differ between the ways, is a viscosity and another one that
     differs between them: two effects, each of which is the same all over the data. So is the viscosity alone that grows
@@ -148,8 +148,8 @@ def as_good_a_law(dataset, before, after, key):
 
     Returns
     -------
-    str or None
-        The one that predicts best; None where unseen stretches tell all such laws from the further effects, as rivals.
+    bool
+        Unseen stretches do not tell some such law from the further effects, as of two rivals.
     """
     (model, fit), (larger, found) = before, after
     slope, left, index, pieces, _ = _seen(dataset, model, fit)
@@ -157,14 +157,14 @@ def as_good_a_law(dataset, before, after, key):
     added = _added(model, fit, *next(a for a in model.attached if (a[0].id, a[1].name) == key), slope)
     values = explanations(dataset, model, fit, index)
     if max(_follows(added, values, {n: levels(v) for n, v in values.items()}).values(), default=1.0) < OWN:
-        return None
+        return False
     none, other = (_unseen(np.concatenate([slope, columns], axis=1), left, pieces) for columns in (more[:, :0], more))
-    lines = ((n, v) for n in values for v in _sided(values[n]) if np.ptp(v) > 0)
-    ones = [(_unseen(np.concatenate([slope, (added * _straight(v))[:, None]], axis=1), left, pieces), n)
-            for n, v in lines]
-    one, name = min(ones, key=lambda known: known[0].sum())
-    behind, spread = difference(one, other)
-    return name if behind <= SEPARATE * spread and behind < ALIKE * (none - other).sum() else None
+    for v in (v for n in values for v in _sided(values[n]) if np.ptp(v) > 0):
+        one = _unseen(np.concatenate([slope, (added * _straight(v))[:, None]], axis=1), left, pieces)
+        behind, spread = difference(one, other)
+        if behind <= SEPARATE * spread and behind < ALIKE * (none - other).sum():
+            return True
+    return False
 
 
 def _seen(dataset, model, fit):

@@ -135,18 +135,6 @@ class Diagnosis:
         self.candidates = [finding, *(c for c in self.candidates if c is not known)]
         self.verdict, self.unexplained, self.later = "missing_effect", None, None
 
-    def doubt(self, variable):
-        """Take back the winner: with a coefficient that varies it does what another effect would have to.
-
-        Parameters
-        ----------
-        variable : str
-            Over which.
-        """
-        best = self.winner
-        best.accepted, best.provisional, best.varies_with = False, True, variable
-        self._takes_back()
-
     def contest(self, pairs):
         """Take back the winner: pairs of other effects do as well, with as many coefficients.
 
@@ -158,10 +146,6 @@ class Diagnosis:
         best = self.winner
         best.accepted, best.provisional, best.contested = False, True, True
         best.together = pairs
-        self._takes_back()
-
-    def _takes_back(self):
-        """What the winner would have explained is unexplained."""
         for own in self.channels.values():
             own["verdict"] = "unexplained" if own["verdict"] == "missing_effect" else own["verdict"]
         self.verdict = "unexplained"

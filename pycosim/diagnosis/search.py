@@ -262,7 +262,6 @@ def improve(dataset, model=None, seed=0, progress=None):
     seen, without = [], {}
     while True:
         steps, last = _grow(dataset, steps, last, seed, progress)
-        first = last if len(steps) == 1 else first
         seen.append({s.added for s in steps})
         revised = _revised(dataset, steps, last.noise, seed, progress, without)
         if revised is None and last.verdict == "unexplained" and not (last.between or last.contested):
@@ -481,28 +480,9 @@ def _added(dataset, steps, chosen, progress):
 def _grow(dataset, steps, last, seed, progress):
     """Add what the diagnosis accepts, step by step; returns the path and the diagnosis that accepts nothing."""
     while last.winner is not None and len(steps) <= MOST:
-        step = _added(dataset, steps, last.winner, progress)
-        if (doubted := _doubted(dataset, steps, step, seed, progress)) is not None:
-            return doubted
-        steps, known, last.known = [*steps, step], last.known, None
+        steps, known, last.known = [*steps, _added(dataset, steps, last.winner, progress)], last.known, None
         _, steps, last = _first(dataset, steps, seed, progress, known)
     return steps, last
-
-
-def _doubted(dataset, steps, step, seed, progress):
-    """The path without an effect that, where its coefficient varies, does what the next step does, and its diagnosis.
-
-    By itself it was near enough to constant; that it varies instead of what is found beside it tells of another law.
-    """
-    for out in steps[1:]:
-        told = as_good_a_law(dataset, (steps[-1].model, steps[-1].fit), (step.model, step.fit), out.added)
-        if told is not None:
-            path = _ladder(dataset, steps[0], [s for s in steps[1:] if s is not out])
-            last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
-            if last.winner is not None and last.winner.key == out.added:
-                last.doubt(told)
-                return path, last
-    return None
 
 
 def _revised(dataset, steps, noise, seed, progress, without=None):
