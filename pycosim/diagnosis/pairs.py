@@ -261,7 +261,7 @@ def _is_some(dataset, pair, finding, attached):
     if not holds_nothing(pair.model, finding, attached):
         return True
     smaller = compile_model(dataset.library, pair.model.rig, [k for k in pair.model.keys if k != finding.key])
-    without = least_squares.fit(dataset, smaller, pair.fit.parameters, most=TRIAL, noise=pair.fit.noise)
+    without = least_squares.fit_without(dataset, smaller, pair.fit.parameters, most=TRIAL, noise=pair.fit.noise)
     finding.fit = told_from_nothing(dataset, pair.model, finding, smaller, without, attached)
     return not holds_nothing(pair.model, finding, attached)
 

@@ -384,7 +384,7 @@ def _good_beside(dataset, steps, step, twins, noise, progress):
     rest = [*base.keys, *(s.added for s in steps[1:] if s is not step)]
     without = compile_model(dataset.library, base.rig, rest)
     here, full = _Selections(dataset, steps[-1], noise).beside(without)
-    lacking = least_squares.fit(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
+    lacking = least_squares.fit_without(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
     alone, found = select(here, without, lacking, noise, full), []
     for twin in (t for t in twins if (t["effect"], t["place"]) not in (*rest, step.added)):
         if progress:
@@ -427,7 +427,7 @@ def _shortfall(dataset, steps, noise, known, seed):
     for out in steps[known:]:
         rest = [k for k in steps[-1].model.keys if k != out.added]
         model = compile_model(dataset.library, steps[0].model.rig, rest)
-        fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
+        fit = least_squares.fit_without(dataset, model, steps[-1].fit.parameters)
         here, full = fulls.beside(model)
         alone = select(here, model, fit, noise, full)
         takes, spread = difference(alone.raw, full.raw)
@@ -502,7 +502,7 @@ def _revised(dataset, steps, noise, seed, progress, without=None):
         rest = [s for s in steps[1:] if s is not out]
         keys = [*base.keys, *(s.added for s in rest)]
         model = compile_model(dataset.library, base.rig, keys)
-        fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
+        fit = least_squares.fit_without(dataset, model, steps[-1].fit.parameters)
         left = frozenset((None, *(s.added for s in rest)))
         told = without[left] = without.get(left) or diagnose(dataset, model, fit, seed, progress, False)
         if any(c.key == out.added and c.refused not in (None, *OPEN) for c in told.candidates):
@@ -545,7 +545,7 @@ def _exchanged(dataset, steps, noise, seed, progress):
     for out in itertools.combinations(added, min(2, len(added))) if 0 < len(added) <= TOGETHER else ():
         rest, near = [s for s in added if s not in out], []
         without = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
-        lacking = least_squares.fit(dataset, without, steps[-1].fit.parameters)
+        lacking = least_squares.fit_without(dataset, without, steps[-1].fit.parameters)
         known = scored(dataset, without, lacking, seed, progress)
         for pair in next(pairs.fitted(dataset, without, lacking, known, progress)):
             gain, cannot_tell = _gained(fulls, pair)
@@ -574,12 +574,12 @@ def _spared(dataset, steps, noise, seed, progress):
         rest = [s for s in steps[1:] if s not in (out, other)]
         without = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
         here, full = fulls.beside(without)
-        lacking = least_squares.fit(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
+        lacking = least_squares.fit_without(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
         for twin in ((t["effect"], t["place"]) for t in other.finding.twins):
             one = pairs.beside(here, without, lacking.parameters, twin, noise, full)
             if one is None or not _as_good(one, full):
                 continue
-            fit = least_squares.fit(dataset, without, steps[-1].fit.parameters)
+            fit = least_squares.fit_without(dataset, without, steps[-1].fit.parameters)
             told = diagnose(dataset, without, fit, seed, progress, False)
             best = told.winner or told.contested
             known = [best.key, *((t["effect"], t["place"]) for t in best.twins)] if best else []
@@ -697,7 +697,7 @@ def _prune(dataset, steps, noise):
         for out in steps[1:-1]:
             rest = [s for s in steps[1:] if s is not out]
             model = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
-            fit = least_squares.fit(dataset, model, steps[-1].fit.parameters)
+            fit = least_squares.fit_without(dataset, model, steps[-1].fit.parameters)
             here, full = fulls.beside(model)
             rise, spread = difference(select(here, model, fit, noise, full).raw, full.raw)
             if rise <= spread:

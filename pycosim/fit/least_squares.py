@@ -306,6 +306,34 @@ def fit(dataset, model, start=None, free=None, part="fit", robust=None, most=Non
     return found
 
 
+def fit_without(dataset, model, start, **options):
+    """Fit a model that lacks an effect, from where the effect had brought the parameters.
+
+    Without it they may leave no motion, as a loss that grows with the load does without what took a part of it away.
+    The rig's own then start from the study's values.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its moving samples are compared.
+    model : Model
+        Without the effect.
+    start : dict of str to float
+        All parameters of the larger model, SI units.
+    **options
+        As for `fit`.
+
+    Returns
+    -------
+    Fit
+    """
+    try:
+        return fit(dataset, model, start, **options)
+    except NoAnswerError:
+        own = dataset.base.parameters
+        return fit(dataset, model, {n: v for n, v in start.items() if n not in own}, **options)
+
+
 def _fit(dataset, model, start, free, part, robust, most, noise, held):
     """Fit a model's free parameters to all samples of a part, those that are held staying where they start."""
     robust = dataset.study.robust if robust is None else robust

@@ -1,10 +1,13 @@
 """Quadratic forms within bounds, and least squares from moments alone."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
 from pycosim.core.errors import NoAnswerError
+from pycosim.fit import least_squares as fits
 from pycosim.fit.bounded import _pressed, bounded
 from pycosim.fit.damped import solve
 
@@ -82,3 +85,18 @@ def test_a_step_to_where_there_is_no_answer_is_taken_back():
         return rows @ rows.T
     x = solve(gram, np.array([0.0]), ["k"], np.array([-5.0]), np.array([5.0]), 60)
     assert 0.5 < x[0] < 0.9
+
+
+def test_a_fit_without_an_effect_starts_where_there_is_an_answer(monkeypatch):
+    tried = []
+
+    def fit(dataset, model, start, **options):
+        tried.append((start, options))
+        if "gear.mu" in start:
+            raise NoAnswerError("no finite answer")
+        return "fitted"
+    monkeypatch.setattr(fits, "fit", fit)
+    dataset = SimpleNamespace(base=SimpleNamespace(parameters={"gear.f0": None, "gear.mu": None}))
+    start = {"gear.f0": 0.1, "gear.mu": 0.4, "viscous_gear.b": 0.2}
+    assert fits.fit_without(dataset, None, start, most=10) == "fitted"
+    assert tried == [(start, {"most": 10}), ({"viscous_gear.b": 0.2}, {"most": 10})]
