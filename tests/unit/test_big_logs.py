@@ -88,7 +88,7 @@ def test_no_mean_crosses_a_label_a_drop_out_or_a_gap(read):
 
 
 def test_constants_stay_constants_so_that_standstill_is_seen(read):
-    with pytest.raises(DataError, match="nothing moves"):
+    with pytest.raises(DataError, match="keeps one value"):
         read(frame(1999).assign(theta1=0.1))
 
 
