@@ -67,10 +67,12 @@ class Continued:
         Told every sentence; partial answers too where it has a method ``early``.
     given : bool
         Whether it was.
+    several : bool
+        Whether later ones are answers too: a search has one a step, a diagnosis looks at larger models for itself.
     """
 
-    def __init__(self, say: Say, given: bool) -> None:
-        self.say, self.given = say, given
+    def __init__(self, say: Say, given: bool, several: bool = True) -> None:
+        self.say, self.given, self.several = say, given, several
 
     def __call__(self, text: str) -> None:
         self.say(text)
@@ -85,7 +87,7 @@ class Continued:
         """
         if not self.given:
             tell_early(self.say, text)
-        self.given = False
+        self.given = not self.several
 
 
 def finish(say: Say) -> None:

@@ -324,13 +324,14 @@ class Project(Shown):
         Parameters
         ----------
         fitted : Fitted, optional
-            What is diagnosed; the project's own fit by default.
+            What is diagnosed; without, it is a search.
 
         Returns
         -------
         callable
         """
-        return Continued(self.say, "_first_look" in self.__dict__ and fitted in (None, self._fitted))
+        told = "_first_look" in self.__dict__ and fitted in (None, self._fitted)
+        return Continued(self.say, told, several=fitted is None)
 
     def as_given(self) -> Fitted:
         """The model with the study's own values, nothing fitted.

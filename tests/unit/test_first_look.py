@@ -106,9 +106,11 @@ def test_a_project_tells_it_before_the_check_and_a_diagnosis_of_the_same_fit_doe
     assert f"C_H errs by {error:.3g} N.m, {error / floor:.1f} times its noise floor" in size
     assert "speed of 2A" in depends and "stribeck at 2A (" in likely and likely.endswith("provisional.")
     assert project.first_look() is lines and sum(text.startswith("early: ") for text in say.heard) == 1
-    again = Continued(say, False)
-    again.early("of another model")
-    assert say.heard[-1] == "early: of another model"
+    for several, last in ((True, "of a third"), (False, "of another model")):
+        again = Continued(say, False, several)
+        again.early("of another model")
+        again.early("of a third")
+        assert say.heard[-1] == f"early: {last}"
 
 
 @pytest.mark.long
