@@ -159,10 +159,13 @@ def as_good_a_law(dataset, before, after, key):
     if max(_follows(added, values, {n: levels(v) for n, v in values.items()}).values(), default=1.0) < OWN:
         return False
     none, other = (_unseen(np.concatenate([slope, columns], axis=1), left, pieces) for columns in (more[:, :0], more))
+    takes, spread = difference(none, other)
+    if takes <= SEPARATE * spread:  # without bounds the base model does what the further effects do
+        return False
     for v in (v for n in values for v in _sided(values[n]) if np.ptp(v) > 0):
         one = _unseen(np.concatenate([slope, (added * _straight(v))[:, None]], axis=1), left, pieces)
         behind, spread = difference(one, other)
-        if behind <= SEPARATE * spread and behind < ALIKE * (none - other).sum():
+        if behind <= SEPARATE * spread and behind < ALIKE * takes:
             return True
     return False
 

@@ -116,24 +116,51 @@ class Scores:
 
         Nor is slow noise a missing effect: eight of hundreds of columns take half of it away where a log is as short
         as a few of its memories. Unless they make the samples likelier than the best of so many would by chance, the
-        noise fitted anew, all is noise.
+        noise fitted anew, all is noise. One candidate is asked then as well: at several stages together it has fewer
+        coefficients than the columns of these stages, and stands out where they do not.
         """
         slopes = [w * s for w, s in zip(self.weights, self.table.slope)]
         root = least_squares.orthonormal(least_squares.invert(sum(s @ s.T for s in slopes))[0])
-        without, *more = self._path(self._of_all(self._thin_moments()), 0.02)
-        best = more[-1] if any(self._beyond_chance(beta) for beta in more) else without
+        gram = self._of_all(self._thin_moments())
+        best, *more = self._path(gram, 0.02)
+        if any(self._beyond_chance(*self._used(beta)) for beta in more):
+            best = more[-1]
+        elif more:
+            alone, parts = self._alone(gram)
+            best = alone if self._beyond_chance(parts, len(self.candidates)) else best
         self.noise = [fit_noise(r, self.table.chain, root @ s) for r, s in zip(self._left_by(best), slopes)]
 
-    def _beyond_chance(self, beta):
-        """Whether the columns of a combination make the samples likelier than the best of all does by chance."""
-        used = [k - self.p for k in np.flatnonzero(beta) if k >= self.p]
+    def _used(self, beta):
+        """Columns of a combination, and among how many others of as many it was chosen."""
+        used = [[k - self.p] for k in np.flatnonzero(beta) if k >= self.p]
+        return used, len(self.columns) ** len(used)
+
+    def _alone(self, gram):
+        """The candidate that takes most by itself: coefficients of all rows on the residual, and its columns."""
+        p, beta, most, parts, values = self.p, np.zeros(len(gram) - 1), 0.0, [], []
+        given, (inverse, _) = np.arange(p), least_squares.invert(gram[:p, :p])
+        for candidate in self.candidates:
+            groups = [p + np.array(part) for part in candidate.parts]
+            inner, moved = self._beside(groups, given, inverse, gram)
+            if np.min(np.diag(inner) / np.maximum(np.diag(summed(gram, groups)), 1e-300)) < SHADOW:
+                continue
+            own = np.linalg.lstsq(inner, moved, rcond=1e-9)[0]
+            if moved @ own > most:
+                most, parts, values = moved @ own, candidate.parts, own
+        for value, part in zip(values, parts):
+            beta[p + np.array(part)] += value
+        beta[:p] = inverse @ (gram[:p, -1] - gram[:p, p:-1] @ beta[p:])
+        return beta, parts
+
+    def _beyond_chance(self, parts, choices):
+        """Whether columns, each the sum of a part, make the samples likelier than the best of all does by chance."""
         gain, told = 0.0, 0
         for c, residual in enumerate(self.table.residual):
-            columns = np.array([row for row in (self.columns[k][c] for k in used) if row.any()])
+            columns = np.array([row for part in parts if (row := sum(self.columns[k][c] for k in part)).any()])
             if len(columns):
                 gain += likelier(residual, self.table.chain, self.table.slope[c], columns)
                 told += len(columns)
-        return gain > 0.5 * special.chdtri(told, LEVEL / len(self.columns) ** len(used))
+        return told > 0 and gain > 0.5 * special.chdtri(told, LEVEL / choices)
 
     def _left_by(self, beta):
         """Residual of each channel that a combination of rows leaves."""
@@ -558,11 +585,12 @@ class Scores:
                 found.append((share, other.candidate.key))
         return [k for _, k in sorted(found, reverse=True)]
 
-    def _beside(self, groups, given, inverse):
+    def _beside(self, groups, given, inverse, gram=None):
         """Moments of groups of rows, and theirs with the residual, beside what given rows explain of them."""
-        cross = np.array([self.gram[np.ix_(g, given)].sum(0) for g in groups])
-        moved = np.array([self.gram[g, -1].sum() for g in groups]) - cross @ (inverse @ self.gram[given, -1])
-        return summed(self.gram, groups) - cross @ inverse @ cross.T, moved
+        gram = self.gram if gram is None else gram
+        cross = np.array([gram[np.ix_(g, given)].sum(0) for g in groups])
+        moved = np.array([gram[g, -1].sum() for g in groups]) - cross @ (inverse @ gram[given, -1])
+        return summed(gram, groups) - cross @ inverse @ cross.T, moved
 
     def beside(self, *keys):
         """Family-wise p-values of all candidates, with some of them in the model.

@@ -84,6 +84,13 @@ def test_a_law_of_another_kind_is_no_viscosity_with_an_asymmetry_and_no_preload(
     assert (first, last, found) == ("unexplained", "unexplained", []), shown
 
 
+def test_what_two_motors_do_alike_is_no_slow_noise(tmp_path):
+    """Column by column either motor's saturation gained less than the best of so many by chance."""
+    first, last, found, shown = hidden("noise_speed:torque_saturation:1.7:11000003", tmp_path)
+    assert (first, found) == ("missing_effect", [("torque_saturation", "motor1+motor2")]), shown
+    assert last == "nothing_missing", shown
+
+
 def test_slow_noise_of_a_sensor_in_ordinary_motion_is_not_what_is_missing(tmp_path):
     first, last, found, shown = hidden("gait:none::12200", tmp_path)
     assert (first, last, found) == ("nothing_missing", "nothing_missing", []), shown

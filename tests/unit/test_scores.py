@@ -19,6 +19,7 @@ def scored(residual, columns):
     own.table = SimpleNamespace(residual=residual[None], slope=np.zeros((1, 0, n)), time=STEP * np.arange(n),
                                 chain=chained(STEP * np.arange(n), np.zeros(n), True))
     own.p, own.weights, own.few, own.columns, own.thin = 0, [1.0], 1, list(columns[:, None]), []
+    own.candidates = [SimpleNamespace(parts=[[k]]) for k in range(len(columns))]
     return own
 
 
@@ -69,7 +70,16 @@ def test_the_best_of_hundreds_of_columns_is_beyond_chance_where_one_is_there(slo
         columns[0] = np.sign(columns[0])
         for effect in (0.0, 1.0):
             own = scored(noise + effect * columns[0], columns)
-            seen = any(own._beyond_chance(beta) for _, beta in zip(range(2), own._path(own._thin_moments()[0], 0.0))
-                       if beta.any())
+            path = zip(range(2), own._path(own._thin_moments()[0], 0.0))
+            seen = any(own._beyond_chance(*own._used(beta)) for _, beta in path if beta.any())
             alone, there = alone + (seen and not effect), there + (seen and effect > 0)
     assert alone <= 1 and there >= 17
+
+
+def test_what_several_stages_do_alike_is_asked_as_one():
+    noise, columns = drawn(0)
+    own = scored(noise + columns[0] + columns[1], columns)
+    own.candidates.append(SimpleNamespace(parts=[[0, 1]]))
+    beta, parts = own._alone(own._of_all(own._thin_moments()))
+    assert parts == [[0, 1]] and beta[0] == beta[1] == pytest.approx(1.0, abs=0.2) and not beta[2:].any()
+    assert own._beyond_chance(parts, len(own.candidates))
