@@ -185,6 +185,7 @@ def test_two_that_nothing_speaks_against_stay(dataset):
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="a gain with an offset does better; a search meets the friction first")
 def test_two_do_not_replace_one_that_is_better_beside_one_of_them(dataset, monkeypatch):
     """Two gains of the reference do better than a payload alone, where a friction is missing too."""
     base, one = ladder(dataset, TRUE[1:])
