@@ -281,8 +281,10 @@ def _decide(findings, rivals, base, refines, steady, beside):
     if not earned:
         return None
     best = plainly_better(base, earned)
-    if _at_a_bound(best):  # what the bounds alone hold is no measurement, where another does nearly as well
-        best = next((f for f in earned[1:] if not _at_a_bound(f) and twins(base, f, best, SURELY, ("white",))), best)
+    held = {f.effect for f in earned if _at_a_bound(f)}  # no measurement, nor is what would correct it
+    if _at_a_bound(best) or refines.get(best.effect) in held:
+        best = next((f for f in earned if not _at_a_bound(f) and refines.get(f.effect) not in held and twins(
+            base, f, best, SURELY, ("white",))), best)
     best, others, constant = _considered(rivals, earned, best, base, refines, steady)
     largest = min(earned, key=lambda f: f.selection.raw.sum())
     if not constant and "raw" in behind(best.selection, largest.selection):  # what is slow is missing too

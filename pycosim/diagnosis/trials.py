@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
-from ..compile import compile_model, component_name, find_effect, find_place
+from ..compile import compile_model, component_name, corrections, find_effect, find_place
 from ..compile.contribution import effect_question
 from ..core.errors import NoAnswerError, PycosimError
 from ..core.executors import in_turn
@@ -131,7 +131,8 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
 
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
     are fitted as well, however low they rank. So is what could add the same as it does: an asymmetry of a loss that the
-    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss. Of a
+    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss. And so is
+    what such an effect corrects: where the base model takes that loss for none, a score sees the correction alone. Of a
     memory of friction, or a record moved where a segment turns, a score sees little: one that takes half of what the
     best does is fitted at its other places too, and a delay always.
 
@@ -165,7 +166,7 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
     def lowest(some):
         return min(some, key=lambda f: f.selection.white.sum())
 
-    likely = [f for f in findings if f.p_value < 10 * LEVEL]
+    likely, refines = [f for f in findings if f.p_value < 10 * LEVEL], corrections(dataset.library)
     first = likely[:REFITS] + [f for f in likely[REFITS:]
                                if "delay" in find_effect(dataset.library, f.effect).scan.values()]
     dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in first])
@@ -173,15 +174,18 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
     while seen and (best := lowest([*seen, *unseen])).key not in asked:
         asked.add(best.key)  # what is fitted for its sake may be better, and has a kin of its own
         effects = {best.effect, *(f.effect for f in seen if twins(base, f, best) or _remembers(dataset, f, best, base))}
+        effects |= {refines[e] for e in effects if e in refines}
         rest = [f for f in findings if f not in seen and f not in unseen]
         unseen += refitted([f for f in rest if f.effect in effects and _unseen(dataset, model, fit, f)])
         akin = scores.akin(best.key, 1 - ALIKE)[:REFITS]
         seen += refitted([f for f in likely if f in rest and f not in first and f not in unseen
                           and (f.effect in effects or f.key in akin)])
     for f in [f for f in (*seen, *unseen) if f.effect == best.effect or f in unseen]:
-        other = lowest([o for o in seen if o.effect == f.effect])
+        mine = [o for o in seen if o.effect == f.effect]
+        other = lowest(mine or [o for o in seen if refines.get(o.effect) == f.effect])
         if f is not other:
-            _refit_from(dataset, model, scores.single, f, other, base)
+            if mine:
+                _refit_from(dataset, model, scores.single, f, other, base)
             if lowest((f, other)) is f or twins(base, f, other):  # a score sees no share of a loss taken for none
                 f.p_value, f.p_value_single = min((f.p_value, f.p_value_single), (other.p_value, other.p_value_single))
     _refuse_as_short(dataset, model, seen + unseen)

@@ -7,6 +7,7 @@ import pytest
 from answers import hidden, summary, told
 
 import pycosim as pc
+from benchmarks.other_logs import make as other_logs
 from benchmarks.real_logs.make import make
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
@@ -48,6 +49,16 @@ def test_what_is_the_same_as_the_best_is_named_with_it_however_low_its_score(tmp
     step, = search.improve(Dataset(load_study(study), Library())).steps[1:]
     names = [step.added, *((t["effect"], t["place"]) for t in step.finding.twins)]
     assert set(names) == {("direction_asymmetry", "2A"), ("torque_offset", "motor2")}
+
+
+@pytest.mark.parametrize(("seed", "true"), [
+    (1214, ("direction_asymmetry", "2A")),
+    pytest.param(1210, ("reference_offset", "knee"), marks=pytest.mark.slow)])
+def test_of_constant_torques_the_true_one_is_told_whatever_the_base_model_s_bounds_hold(seed, true, tmp_path):
+    """Of the first the base model takes the loss for none, the second is an asymmetry of the whole loss as well."""
+    result = search.improve(Dataset(load_study(other_logs.make(seed, tmp_path)), Library()))
+    found, = told(result)
+    assert true in found and len(found) <= 5, summary(result)
 
 
 def test_a_delay_of_a_sample_and_a_half_is_no_three_samples(tmp_path):

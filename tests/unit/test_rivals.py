@@ -197,6 +197,28 @@ def test_what_its_bounds_alone_hold_gives_way_to_what_does_nearly_as_well(behind
     assert found.accepted and found.place == named
 
 
+def with_coefficient(effect, place, coefficient, value):
+    """A refitted candidate with a coefficient of some value, which the model bounds."""
+    name, finding = f"{effect}_{place}.{coefficient}", refitted(effect, [10.0, 10.0], 300.0)
+    variable = compile_model(Library(), HIP_KNEE, [(effect, place)]).parameters[name]
+    fit = Fit({name: value}, [name], {name: variable}, np.array([value]), np.array([value]), np.eye(1),
+              np.zeros((0, 1)), 10.0, [], [], np.ones(1))
+    return replace(finding, place=place, p_value=0.001, fit=fit)
+
+
+@pytest.mark.parametrize("share, named", [(-1.0, "reference_offset"), (-0.5, "direction_asymmetry")])
+def test_what_its_bounds_hold_does_not_come_back_as_what_its_correction_corrects(share, named):
+    """An offset of the reference was an asymmetry of the whole loss, which the bounds held, for one of low speeds, of
+    which they did not, was taken in its place first, and gave way to what it corrects then."""
+    base = refitted("", [40.0, 40.0], 800.0).selection
+    rivals = [with_coefficient("direction_asymmetry", "2B", "a", share),
+              with_coefficient("stribeck_asymmetry", "2B", "fs_a", -0.05),
+              with_coefficient("reference_offset", "knee", "o", -0.7)]
+    found = _decide([*rivals], [*rivals], base, {"stribeck_asymmetry": "direction_asymmetry"}, lambda f: True, False)
+    assert found.accepted and found.effect == named
+    assert {t["effect"] for t in found.twins} == {f.effect for f in rivals} - {named}
+
+
 @pytest.mark.parametrize("value, error, end", [
     (0.0, 0.1, False), (0.4, 0.1, False), (1.0, 0.1, True), (1.0, 1.0, False)])
 def test_a_size_at_the_end_of_what_is_allowed_is_no_measurement_but_none_at_all_is(value, error, end):
@@ -233,6 +255,33 @@ def test_a_memory_that_takes_half_of_the_best_is_refitted_at_its_other_places(ef
                       SimpleNamespace(akin=lambda key, share: [], single=None), some, residual_of(noise + lost), None,
                       lambda said: None)
     assert ((effect, "1A+2A") in fitted) == asked
+
+
+@pytest.mark.parametrize("none", [True, False])
+def test_what_one_that_does_as_well_corrects_is_refitted_where_its_loss_is_taken_for_none(none, monkeypatch):
+    """Its score is nothing there, of whatever size it is: an asymmetry is a share of the loss."""
+    best, other, last = (Finding(effect, place, statistic=value, p_value=chance) for effect, place, value, chance in [
+        ("torque_offset", "motor2", 20.0, 0.001), ("stribeck_asymmetry", "2A", 19.0, 0.001),
+        ("direction_asymmetry", "2A", 0.0, 1.0)])
+    fitted, rng = [], np.random.default_rng(5)
+    lost, noise = rng.standard_normal((2, BLOCKS * EACH))
+
+    def refitted(*given):
+        for finding in given[4]:
+            fitted.append(finding.key)
+            finding.selection = residual_of(noise)
+            yield finding
+    monkeypatch.setattr(trials, "_refitted", refitted)
+    monkeypatch.setattr(trials, "_refit_from", lambda *given: None)
+    monkeypatch.setattr(trials, "_remembers", lambda *given: False)
+    monkeypatch.setattr(trials, "_refuse_as_short", lambda *given: None)
+    monkeypatch.setattr(trials, "_unseen", lambda *given: none)
+    dataset = SimpleNamespace(library=Library())
+    monkeypatch.setattr(dataset.library, "ahead", lambda *given: None)
+    trials.refit_best(dataset, compile_model(dataset.library, HIP_KNEE, []), None,
+                      SimpleNamespace(akin=lambda key, share: [], single=None), [best, other, last],
+                      residual_of(noise + lost), None, lambda said: None)
+    assert (last.key in fitted) == none
 
 
 @pytest.mark.parametrize(("effect", "place", "everywhere", "soon"), [
