@@ -12,17 +12,20 @@ from ..compile.contribution import effect_question
 from ..core.errors import NoAnswerError, PycosimError
 from ..core.executors import in_turn
 from ..data.sent import Sent
+from ..data.turns import built_up
 from ..fit import least_squares
 from ..fit.late import delays
 from .crossval import difference, select
 from .finding import Finding
-from .rivals import ALIKE, behind, twins
+from .rivals import ALIKE, twins
 from .scores import LEVEL, PRESSED
 
 REFITS = 10
 BETWEEN = "over within a few samples, so that they do not show it"
 OWN, SIMILAR = "what the model's own travel does after turns", 2.0
 """Said of a travel less than so many times the rig's own, where that is at work."""
+START, ENDED = "over within one pass or stretch, so that it tells of the start alone", 3.0
+"""Said of a law of time of which so many time constants are no longer than that: a twentieth is left then."""
 FEW, MOSTLY, HALF = 4, 0.8, 0.5
 """Samples after a turn, and the share of what a memory of friction changes that lies in them, from which on it is taken
 for what straight lines between samples leave where a torque was moved by a part of one; and of what a delay of less
@@ -188,7 +191,6 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
                 _refit_from(dataset, model, scores.single, f, other, base)
             if lowest((f, other)) is f or twins(base, f, other):  # a score sees no share of a loss taken for none
                 f.p_value, f.p_value_single = min((f.p_value, f.p_value_single), (other.p_value, other.p_value_single))
-    _refuse_as_short(dataset, model, seen + unseen)
     return seen + unseen
 
 
@@ -211,17 +213,6 @@ def _remembers(dataset, finding, best, base):
     takes, most = ((base.white - f.selection.white).sum() for f in (finding, best))
     effect = find_effect(dataset.library, finding.effect)
     return finding.refused is None and takes > WORTH * most and bool(effect_question(dataset.library, effect).states)
-
-
-def _refuse_as_short(dataset, model, findings):
-    """Refuse lags of friction of two samples at most where a travel that is over as soon predicts more."""
-    short = [f for f in findings if f.refused == BETWEEN]
-    for f in findings:
-        effect = find_effect(dataset.library, f.effect)
-        lags = [f.coefficients[c]["value"] for c, kind in effect.scan.items() if kind == "lag" and c in f.coefficients]
-        if "creep" in effect.scan.values() and max(lags, default=np.inf) < 2 * _step(dataset) and any(
-                behind(f.selection, o.selection) for o in short):
-            f.refused = BETWEEN
 
 
 def _unseen(dataset, model, fit, finding):
@@ -325,17 +316,49 @@ def no_effect(dataset, model, fit, attached=None):
     Notes
     -----
     A filter that is done within half a sample, or a travel that is passed within two at the least speed, is what
-    straight lines between samples miss: as much is left at a start where a torque was moved by a part of a sample.
-    Where the rig's own travel is at work, one of about that length is no other.
+    straight lines between samples miss: as much is left at a start where a torque was moved by a part of a sample. A
+    lag of friction of less than two samples is what a speed that is known to a sample leaves of a travel. Where the
+    rig's own travel is at work, one of about that length is no other; of a rig's only segment it is the same whether it
+    was seen at work or not, and any memory of which it does four fifths is none. A loss that falls in time, and has
+    done so before the first pass is over, is what that starts with: a memory of friction has a state there that no log
+    tells.
     """
     effect, place = attached = attached or model.attached[-1]
     own = {kind: fit.parameters[f"{component_name(*attached)}.{c}"] for c, kind in effect.scan.items()}
-    least = {"lag": _step(dataset) / 2, "travel": 2 * _step(dataset) * dataset.w_min}
+    lasts = 2.0 if "creep" in effect.scan.values() else 0.5
+    least = {"lag": lasts * _step(dataset), "travel": 2 * _step(dataset) * dataset.w_min}
     if any(own[kind] < least[kind] for kind in own if kind in least) or _between(dataset, model, fit, attached):
         return BETWEEN
+    if ENDED * own.get("time", np.inf) < np.median(dataset.blocks.t1 - dataset.blocks.t0):
+        return START
     travels = [fit.parameters[f"{c}.travel"] for c in place.components if f"{c}.travel" in fit.parameters]
     similar = own.get("travel", np.inf) < SIMILAR * max(travels, default=0.0)
-    return OWN if similar and (dataset.own_travel or dataset.early is not None) else None
+    at_work = dataset.own_travel or dataset.early is not None or len(dataset.base.segments) == 1
+    return OWN if similar and at_work or _is_own(dataset, model, fit, attached) else None
+
+
+def _is_own(dataset, model, fit, attached):
+    """Whether the rig's own travel, which every segment has and no fit follows, does what a memory of friction does.
+
+    It has no free parameter. Beside another effect, behind a coarse encoder or after a spike it is not seen at work
+    before the fit, and has the name of a memory then: of a travel of its own length, or of a lag of a sample or two.
+    """
+    key = (attached[0].id, attached[1].name)
+    if not effect_question(dataset.library, attached[0]).states or dataset.averaged or not dataset.base.segments:
+        return False
+    without = compile_model(dataset.library, model.rig, [k for k in model.keys if k != key])
+    here, parameters = dataset.picks("fit"), {n: fit.parameters[n] for n in without.parameters}
+    question, states = dataset.ask(without), dataset.states(without, parameters)[0]
+    followed = states.copy()
+    followed[[question.states.index(f"{c}.z") for c in without.segments]] = built_up(dataset, without, parameters)
+    free = [n for n in fit.free if n in parameters]
+    one, other = (dataset.residuals(m, f, fit.parameters, "fit").residual([fit.parameters[n] for n in f])
+                  for m, f in ((without, free), (model, fit.free)))
+    at_once, late = (np.array(list(dataset.segment_signals(without, parameters, dataset.outputs, s).values()))
+                     for s in (states, followed))
+    rig = one - sum(share * take(late - at_once) for share, _, take in here)
+    none, left, own = (float((fit.weights[:, None] ** 2 * r ** 2).sum()) for r in (one, other, rig))
+    return none - own >= (1 - ALIKE) * (none - left) > 0
 
 
 def _between(dataset, model, fit, attached):

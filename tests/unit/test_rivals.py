@@ -274,7 +274,6 @@ def test_what_one_that_does_as_well_corrects_is_refitted_where_its_loss_is_taken
     monkeypatch.setattr(trials, "_refitted", refitted)
     monkeypatch.setattr(trials, "_refit_from", lambda *given: None)
     monkeypatch.setattr(trials, "_remembers", lambda *given: False)
-    monkeypatch.setattr(trials, "_refuse_as_short", lambda *given: None)
     monkeypatch.setattr(trials, "_unseen", lambda *given: none)
     dataset = SimpleNamespace(library=Library())
     monkeypatch.setattr(dataset.library, "ahead", lambda *given: None)
