@@ -546,10 +546,10 @@ def _lesser(dataset, one, other):
 
 
 def _coefficients(model, fit, attached=None):
-    """Values, intervals and units of an effect's coefficients, by default of the last attached one's."""
+    """An effect's coefficients with intervals, units and bounds that they are at, by default of the last attached."""
     base = component_name(*(attached or model.attached[-1]))
-    return {n.split(".", 1)[1]: {"value": fit.parameters[n], "ci95": fit.interval(n), "unit": fit.variables[n].unit}
-            for n in fit.free if n.startswith(base + ".")}
+    return {n.split(".", 1)[1]: {"value": fit.parameters[n], "ci95": fit.interval(n), "unit": fit.variables[n].unit,
+                                 "at_bound": fit.at_bound(n)} for n in fit.free if n.startswith(base + ".")}
 
 
 def holds_nothing(model, finding, attached=None):

@@ -101,7 +101,7 @@ def coefficient_text(name, c):
     name : str
         As ``fs``.
     c : dict
-        ``value``, ``unit`` and ``ci95``, as in ``diagnosis.json``.
+        ``value``, ``unit``, ``ci95``, and ``at_bound`` where it is known, as in ``diagnosis.json``.
 
     Returns
     -------
@@ -110,9 +110,18 @@ def coefficient_text(name, c):
     """
     if c["value"] is None:
         return f"{name} unknown"
-    text = f"{name} = {number(c['value'])}{_unit(c['unit'])}"
+    text, told = f"{name} = {number(c['value'])}{_unit(c['unit'])}", []
     low, high = c["ci95"]
-    return text + (f" (95 %: {number(low)} to {number(high)})" if low is not None and high is not None else "")
+    if low is not None and high is not None:
+        told.append(f"95 %: {number(low)} to {number(high)}")
+    if c.get("at_bound"):
+        told.append(_bound(c["at_bound"]))
+    return text + (f" ({', '.join(told)})" if told else "")
+
+
+def _bound(end):
+    """The bound that a value is at, in words."""
+    return f"at its {'lower' if end == 'min' else 'upper'} bound"
 
 
 def joined(names):
@@ -341,7 +350,7 @@ def note(p):
     if not p["identifiable"]:
         notes.append("not determined by itself; the range is what the bounds allow")
     if p["at_bound"]:
-        notes.append(f"at its {'lower' if p['at_bound'] == 'min' else 'upper'} bound")
+        notes.append(_bound(p["at_bound"]))
     return "; ".join(notes)
 
 

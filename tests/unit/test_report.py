@@ -449,3 +449,11 @@ def test_a_small_error_of_the_load_is_told_as_one_with_what_rules_it_out():
 @pytest.mark.parametrize("share, told", [(-0.997, "-99.7"), (0.0213, "+2.1"), (1.0, "+100"), (12.34, "+1234")])
 def test_a_share_is_told_in_percent_without_a_power_of_ten(share, told):
     assert sentences.percent(share, "+") == told
+
+
+@pytest.mark.parametrize("at, said", [
+    (None, "a = -1 (95 %: -1 to 0)"), ("min", "a = -1 (95 %: -1 to 0, at its lower bound)"),
+    ("max", "a = -1 (95 %: -1 to 0, at its upper bound)")])
+def test_a_coefficient_at_its_bound_is_said_to_be_there(at, said):
+    told = {"value": -1.0, "ci95": [-1.0, 0.0], "unit": "1", "at_bound": at}
+    assert sentences.coefficient_text("a", told) == said
