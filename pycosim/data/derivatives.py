@@ -160,7 +160,8 @@ def derivatives(time, angle, speed=None):
         spread = max(resolution(v) / np.sqrt(12.0), math.sqrt(max(apart**2 - scatter**2, 0.0)), _SAME * np.abs(v).max(),
                      _lagging(v - curve.first @ found, curve.second @ found))
         if spread < noise:  # else it says less of every frequency than the angle does
-            band = max(band, _bandwidth(u, v, 1))
+            if spread < noise * band:  # else what the angle hardly tells of there is less than the speed's own noise
+                band = max(band, _bandwidth(u, v, 1))
             curve, trust = _Curve(u, band), spread / noise
             found = curve.fit(y / noise, band, v / noise, trust) * noise
             scatter = min(scatter, spread)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import cumulative_trapezoid
 from scipy.io import savemat
 
 from pycosim.core.errors import DataError
@@ -688,3 +689,17 @@ def test_too_few_samples_have_no_derivative():
     ("oz-in", "N.m", 7.0615518e-3), ("kgf", "N", 9.80665), ("g.cm2", "kg.m2", 1e-7), ("mm/s2", "m/s2", 1e-3)])
 def test_units_of_data_sheets_are_known(unit, si, factor):
     assert to_si(unit, si, "column 'tau'") == pytest.approx(factor, rel=1e-7)
+
+
+def test_a_speed_that_is_the_difference_of_coarse_counts_makes_no_accelerations():
+    """Even moves at half a count a sample and more: their beat is at all frequencies, and is no motion."""
+    time = np.arange(0, 20, 0.0025)
+    moves = [0, 0.15, 6.5, 6.65, 6.8, 13.2, 13.35, 13.5, 19.85, 20], [0, 0.34, 0.34, 0, -1.8, -1.8, 0, 0.55, 0.55, 0]
+    ramp = np.interp(time, *moves)
+    angle, true = cumulative_trapezoid(ramp, time, initial=0), np.gradient(ramp, time)
+    count = 2 * np.pi / 4096
+    read = count * np.round(angle / count)
+    alone, beside = (derivatives(time, read, s) for s in (None, np.r_[0.0, np.diff(read)] / 0.0025))
+    assert np.std(beside.second - true) < 1.2 * np.std(alone.second - true)
+    exact = derivatives(time, read, ramp + 0.002 * np.random.default_rng(0).standard_normal(len(time)))
+    assert exact.bandwidth > 2 * alone.bandwidth, "a speed that knows more is still followed further"
