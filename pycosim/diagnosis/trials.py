@@ -317,7 +317,7 @@ def no_effect(dataset, model, fit, attached=None):
     -----
     A filter that is done within half a sample, or a travel that is passed within two at the least speed, is what
     straight lines between samples miss: as much is left at a start where a torque was moved by a part of a sample. A
-    lag of friction of less than two samples is what a speed that is known to a sample leaves of a travel. Where the
+    lag of friction of less than one and a half is what a speed that is known to a sample leaves of a travel. Where the
     rig's own travel is at work, one of about that length is no other; of a rig's only segment it is the same whether it
     was seen at work or not, and any memory of which it does four fifths is none. A loss that falls in time, and has
     done so before the first pass is over, is what that starts with: a memory of friction has a state there that no log
@@ -325,7 +325,7 @@ def no_effect(dataset, model, fit, attached=None):
     """
     effect, place = attached = attached or model.attached[-1]
     own = {kind: fit.parameters[f"{component_name(*attached)}.{c}"] for c, kind in effect.scan.items()}
-    lasts = 2.0 if "creep" in effect.scan.values() else 0.5
+    lasts = 1.5 if "creep" in effect.scan.values() else 0.5
     least = {"lag": lasts * _step(dataset), "travel": 2 * _step(dataset) * dataset.w_min}
     if any(own[kind] < least[kind] for kind in own if kind in least) or _between(dataset, model, fit, attached):
         return BETWEEN

@@ -45,7 +45,7 @@ def late(T):
 
 
 @pytest.mark.parametrize("friction, T, said", [
-    (stiff, 0.03, OWN), (late(0.15), 0.15, None), (late(0.15), 0.009, BETWEEN)])
+    (stiff, 0.03, OWN), (late(0.15), 0.15, None), (late(0.15), 0.007, BETWEEN)])
 def test_a_memory_that_the_rig_s_own_travel_does_as_well_is_none(friction, T, said, tmp_path, monkeypatch):
     """Beside what is missing, behind a coarse encoder or with spikes the travel is not seen at work before the fit."""
     monkeypatch.setattr(turns, "building_up", lambda miss, *given: np.zeros(miss.shape[1], dtype=bool))
