@@ -133,11 +133,10 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
     """Fit the model with each of the best candidates, and fill in what their findings say.
 
     The scores see each place from a base model that has bent to what is missing, so that the best effect's other places
-    are fitted as well, however low they rank. So is what could add the same as it does: an asymmetry of a loss that the
-    base model takes for small is the offset that is missing, and takes a part of it for lack of that loss. And so is
-    what such an effect corrects: where the base model takes that loss for none, a score sees the correction alone. Of a
-    memory of friction, or a record moved where a segment turns, a score sees little: one that takes half of what the
-    best does is fitted at its other places too, and a delay always.
+    are fitted as well, however low they rank. So is what could add the same as it does (an asymmetry of a loss that the
+    base model takes for small is the offset that is missing), and what such an effect corrects: of a share of a loss
+    taken for none no score tells. Of a memory of friction, or a record moved at turns, a score sees little: at half of
+    what the best takes its other places are fitted, a delay always.
 
     Parameters
     ----------
@@ -186,11 +185,10 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
     for f in [f for f in (*seen, *unseen) if f.effect == best.effect or f in unseen]:
         mine = [o for o in seen if o.effect == f.effect]
         other = lowest(mine or [o for o in seen if refines.get(o.effect) == f.effect])
-        if f is not other:
-            if mine:
-                _refit_from(dataset, model, scores.single, f, other, base)
-            if lowest((f, other)) is f or twins(base, f, other):  # a score sees no share of a loss taken for none
-                f.p_value, f.p_value_single = min((f.p_value, f.p_value_single), (other.p_value, other.p_value_single))
+        if mine and f is not other:
+            _refit_from(dataset, model, scores.single, f, other, base)
+        if lowest((f, other)) is f or twins(base, f, other):  # a score sees no share of a loss taken for none
+            f.p_value, f.p_value_single = min((f.p_value, f.p_value_single), (other.p_value, other.p_value_single))
     return seen + unseen
 
 
