@@ -135,8 +135,7 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
     The scores see each place from a base model bent to what is missing, so that the best effect's other places are
     fitted as well. So is what could add the same (an asymmetry of a loss taken for small is the offset that is
     missing), and what such an effect corrects: of a share of a loss taken for none no score tells. Of a memory, or a
-    record moved at turns, a score sees little: at half of what the best takes its other places are fitted, a delay
-    always.
+    record moved at turns, a score sees little: at half of what the best takes its other places are fitted.
 
     Parameters
     ----------
