@@ -8,11 +8,14 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.signal import lfilter
 from tiers import cases
 
 from benchmarks.hidden_effects import machine as rig
+from benchmarks.hidden_effects import run as hidden
+from benchmarks.hidden_effects.cases import Case
 from benchmarks.real_logs.make import make
 from pycosim.cli.entry import main
 from pycosim.compile import Library
@@ -348,6 +351,19 @@ def test_a_shock_is_left_out_by_its_own_line_and_then_not_told(library, tmp_path
     (first, last), = again.leave_out
     assert first < frame["time"][hit].min() and last > frame["time"][hit].max() and last - first < 0.5
     assert not [f for f in checked(library, again).findings if f.kind in ("shock", "outliers")]
+
+
+@pytest.mark.long
+def test_what_comes_back_in_each_pass_and_what_lies_beside_missing_samples_is_no_shock(library, tmp_path):
+    given = tmp_path / "study.toml"
+    hidden.make(Case("one", ("viscous",), 21), given)  # what is missing acts most where a pass begins, and ends
+    missing = load_study(given)
+    assert not [f for f in checked(library, missing).findings if f.kind == "shock"]
+    frame, times = pd.read_csv(missing.runs[0], comment="#"), [50.0, 130.2, 400.0]
+    hit = np.min([np.abs(frame["time"] - t) for t in times], axis=0) < 0.06
+    frame.assign(C_H=frame["C_H"] + 6.0 * hit).to_csv(tmp_path / "hit.csv", index=False)
+    shock = next(f for f in checked(library, missing.with_data([tmp_path / "hit.csv"])).findings if f.kind == "shock")
+    assert [a < t < b for (a, b), t in zip(shock.times, times, strict=True)] == [True] * 3
 
 
 def test_a_unit_in_the_name_of_a_column_that_the_study_contradicts_is_told(library, tmp_path):

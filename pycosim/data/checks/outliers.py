@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import distance_transform_edt, median_filter
 
 from ...study.toml import to_toml
 from ..spikes import MANY, mended, spikes, starts
@@ -15,6 +15,9 @@ _SHOCK = 12.0  # robust deviations of the residual over a tenth of a second
 _CALM = 0.3  # s to the next sample at rest, start, stop or turn
 _LONGEST = 0.5  # s that a shock lasts at most
 _ABOUT = 0.1  # s on each side that go with it: it rises before it is seen, and rings on
+_SOON = 1.0  # s to a start, stop or turn, within which what comes back is of the motion
+_AGAIN = 3  # times that it comes back as soon; of five shocks, three do so by chance in one log of twenty
+_GAP = 3.0  # usual steps between two samples, from which some are missing there
 
 
 def outliers(logs, columns, study):
@@ -90,28 +93,28 @@ def shocks(readings, columns, holds, study):
     list of Finding
     """
     hit, time, run = np.zeros(readings.time.size, bool), readings.time, readings.run
-    named = set()
-    turns = np.concatenate([_about(_ends(starts(log)), log.time * readings.clock)[pick]
-                            for log, pick in zip(readings.logs, readings.picks)])
-    turns |= np.concatenate([study.left_out(log.name, seconds)[pick] for log, seconds, pick in zip(
+    named, soon = set(), np.full(time.size, np.inf)
+    step = float(np.median(np.diff(time)))
+    turns = _gaps(time, step) | np.concatenate([_ends(starts(log))[pick] for log, pick in zip(
+        readings.logs, readings.picks)])
+    left_out = np.concatenate([study.left_out(log.name, seconds)[pick] for log, seconds, pick in zip(
         readings.logs, readings.times, readings.picks)])
     for relation, hold in holds:
         if not hasattr(relation, "name") or relation.level or hold.residual is None:
             continue
-        step = float(np.median(np.diff(time)))
         width = max(3, int(round(0.05 / max(step, 1e-9))) | 1)
         for channel, r in zip(relation.channels, hold.residual):
             r = np.where(hold.used, r, 0.0)
             smooth = median_filter(r, width, mode="nearest")
             usual = 1.4826 * np.median(np.abs(smooth[hold.used])) if hold.used.any() else 0.0
             # at a reversal friction passes through states that the quick model does not follow
-            calm = minimum_filter1d(hold.used.astype(int), 2 * int(_CALM / max(step, 1e-9)) + 1).astype(bool)
-            calm &= ~turns
-            far = (np.abs(smooth) > _SHOCK * usual) & calm & (usual > 0)
+            apart = step * distance_transform_edt(hold.used & ~turns)
+            far = (np.abs(smooth) > _SHOCK * usual) & (apart > _CALM) & ~left_out & (usual > 0)
             if far.any() and far.mean() < 0.005:
                 hit |= far
+                soon = np.minimum(soon, np.where(far, apart, np.inf))
                 named.add(columns.of(channel))
-    short = [(a, b) for a, b in _spans(hit, run) if time[b] - time[a] <= _LONGEST]
+    short = _by_chance([(a, b) for a, b in _spans(hit, run) if time[b] - time[a] <= _LONGEST], soon)
     spans = [(float(time[a]), float(time[b])) for a, b in short]
     if not spans:
         return []
@@ -119,6 +122,19 @@ def shocks(readings, columns, holds, study):
             f"does not follow in {', '.join(sorted(named))}, as after a shock")
     names = [readings.logs[int(run[a])].name for a, _ in short]
     return [Finding("shock", text, sorted(named), 0.7, times=spans[:50], mend=_left_out(study, names, spans))]
+
+
+def _by_chance(spans, soon):
+    """Stretches without those that come back as soon after a start, or before a stop: that is the motion's doing."""
+    after = np.array([soon[a:b + 1].min() for a, b in spans])
+    alike = np.abs(after[:, None] - after) <= _ABOUT
+    return [s for s, times, own in zip(spans, alike.sum(1), after) if times < _AGAIN or own > _SOON]
+
+
+def _gaps(time, step):
+    """Samples on either side of some that are missing: what is derived from the motion is poor there."""
+    apart = np.abs(np.diff(time, prepend=time[:1])) > _GAP * step
+    return apart | np.roll(apart, -1)
 
 
 def _left_out(study, names, spans):
@@ -138,12 +154,6 @@ def _ends(mask):
     """A mask with the first and the last sample, where slopes are of one side."""
     mask[[0, -1]] = True
     return mask
-
-
-def _about(mask, time):
-    """A mask with what lies within the time of a calm about it."""
-    step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
-    return maximum_filter1d(mask, 2 * int(_CALM / max(step, 1e-9)) + 1)
 
 
 def _spans(mask, run):
