@@ -8,7 +8,7 @@ of cycles gets by chance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import finufft
 import numpy as np
@@ -182,16 +182,16 @@ def _scan(table, scores, contribution, place, cycles, signs):
     that too, and flipped stretches shall vary as that residual does.
     """
     angles = _angles(table, contribution, place)
-    drive = _Fourier.of(table, angles, scores.drives, scores.stretch)
-    shared = [_Fourier.of(table, angles, b, np.zeros_like(scores.stretch)) for b in scores.base]
+    drive = _Fourier.of(table, angles, [scores.drives], scores.stretch)
+    shared = _Fourier.of(table, angles, scores.base, np.zeros_like(scores.stretch)) if scores.base else None
     families = [[np.arange(scores.stretches)], *([scores.runs] if len(scores.runs) > 1 else [])]
     values, largest = [[] for _ in families], np.zeros((len(families), len(signs)), dtype=np.float32)
     for k in range(0, len(cycles), _CHUNK):
         some = cycles[k:k + _CHUNK]
-        sums = drive(some)
+        sums = drive(some)[:, 0]
         raw = (np.abs(sums) ** 2).sum(0)
         if shared:
-            sums -= scores.absorbed.T @ np.concatenate([s(some) for s in shared])
+            sums -= scores.absorbed.T @ shared(some)[0]
         sums[:, (np.abs(sums) ** 2).sum(0) <= ABSORBED * raw] = 0.0
         for told, most, family in zip(values, largest, families):
             parts = [(r, _uncorrelated(sums[r])) for r in family]
@@ -222,29 +222,38 @@ class _Fourier:
     angle: np.ndarray
     strength: np.ndarray
     edges: np.ndarray
+    plans: dict = field(default_factory=dict)
 
     @classmethod
-    def of(cls, table, angles, drives, stretch):
-        """Score of a torque at each sample of all components and terms, in the order of their stretches."""
-        every, strength = [], []
+    def of(cls, table, angles, every, stretch):
+        """Scores of a torque at each sample of all components and terms, in the order of their stretches."""
+        turned, strength = [], []
         for component, of_terms in angles.items():
             probe = table.probes.index(f"probe_{component}.dtau")
             for angle, response in zip(of_terms, table.responses):
-                every.append(angle)
-                strength.append(sum(response[c, probe] * d for c, d in enumerate(drives)))
-        label = np.tile(stretch, len(every))
+                turned.append(angle)
+                strength.append([sum(response[c, probe] * d for c, d in enumerate(drives)) for drives in every])
+        label = np.tile(stretch, len(turned))
         order = np.argsort(label, kind="stable")
-        angle = np.concatenate(every)[order]
-        return cls(angle - (angle.min() + angle.max()) / 2, np.concatenate(strength)[order],
+        angle = np.concatenate(turned)[order]
+        return cls(angle - (angle.min() + angle.max()) / 2, np.concatenate(strength, axis=1)[:, order],
                    np.searchsorted(label[order], np.arange(stretch.max() + 2)))
 
     def __call__(self, cycles):
-        """Sums, shape (stretches, cycles)."""
+        """Sums, shape (stretches, strengths, cycles)."""
         count = len(cycles)
-        step = cycles[1] - cycles[0] if count > 1 else 0.0
         strength = self.strength * np.exp(1j * cycles[count // 2] * self.angle)  # modes count from the middle
-        return np.array([finufft.nufft1d1(step * self.angle[a:b], strength[a:b], count, eps=_ACCURACY, isign=1,
-                                          nthreads=1) for a, b in zip(self.edges[:-1], self.edges[1:])])
+        pieces = list(zip(self.edges[:-1], self.edges[1:]))
+        if count not in self.plans:  # of an even step: what hangs on the angle alone is worked out once
+            step = cycles[1] - cycles[0] if count > 1 else 0.0
+            self.plans = {count: [self._plan(step * self.angle[a:b], count) for a, b in pieces]}
+        return np.array([plan.execute(np.ascontiguousarray(strength[:, a:b])).reshape(len(strength), count)
+                         for plan, (a, b) in zip(self.plans[count], pieces)])
+
+    def _plan(self, turned, count):
+        plan = finufft.Plan(1, (count,), len(self.strength), _ACCURACY, 1, nthreads=1)
+        plan.setpts(turned)
+        return plan
 
 
 def _peaks(cycles, surprise):

@@ -251,7 +251,9 @@ def propagate(question, signals, time, parameters, run=None, free=(), only=None)
     if steps.bent:
         states[np.array(chosen)[steps.bent]] = _walk(found[split:], keep)
     if free:
-        found = steps.sensitivity(question, free)([*inputs, *states[chosen, :-1], *values, h], n - 1)
+        sensitivity = question.memo(("states.sensitivity", *chosen, "by", *free),
+                                    lambda: steps.sensitivity(question, free))
+        found = sensitivity([*inputs, *states[chosen, :-1], *values, h], n - 1)
         growth, *drives = keep * found.reshape(1 + len(free), len(chosen), n - 1)
         sensitivities[:, chosen] = [scan(growth, drive) for drive in drives]
     return states, sensitivities

@@ -41,11 +41,12 @@ def motion(turns, n=N):
 
 def test_sums_over_an_uneven_angle_are_those_by_hand():
     rng = np.random.default_rng(0)
-    angle, strength = rng.uniform(-3, 40, 500), rng.standard_normal(500)
+    angle, strength = rng.uniform(-3, 40, 500), rng.standard_normal((2, 500))
     sums = cycles._Fourier(angle, strength, np.array([0, 120, 500]))
-    some = 0.4 + 0.031 * np.arange(101)
-    by_hand = [np.exp(1j * np.outer(some, angle[part])) @ strength[part] for part in (slice(120), slice(120, None))]
-    np.testing.assert_allclose(sums(some), by_hand, atol=1e-3)
+    for some in (0.4 + 0.031 * np.arange(101), 3.531 + 0.031 * np.arange(101), 6.662 + 0.031 * np.arange(40)):
+        by_hand = [[np.exp(1j * np.outer(some, angle[part])) @ own[part] for own in strength]
+                   for part in (slice(120), slice(120, None))]
+        np.testing.assert_allclose(sums(some), by_hand, atol=1e-3)
 
 
 @pytest.mark.parametrize("wanted", [3.3, 47.0, 141.0])
