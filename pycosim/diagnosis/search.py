@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field, replace
 
-from ..compile import compile_model, corrections, find_effect, find_place, places
+from ..compile import component_called, compile_model, corrections, find_effect, find_place, places
 from ..core.errors import PycosimError, StudyError
 from ..fit import least_squares
 from . import compare, pairs
@@ -565,18 +565,21 @@ def _spared(dataset, steps, noise, seed, progress):
     """The ladder with one effect less, where an alternative of another makes it superfluous; or None.
 
     Of two that do as well, the one that is chosen by luck may leave a remainder that the other does not, for which a
-    further effect was found.
+    further effect was found. So may one that was found at one stage, and then at another, for want of a third: at both
+    together it has one size.
     """
     base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
     for out, other in itertools.permutations(steps[1:], 2):
-        if not other.finding.twins:
+        twins = [*_at_both(dataset, out, other), *((t["effect"], t["place"]) for t in other.finding.twins)]
+        if not twins:
             continue
         rest = [s for s in steps[1:] if s not in (out, other)]
         without = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
         here, full = fulls.beside(without)
         lacking = least_squares.fit_without(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
-        for twin in ((t["effect"], t["place"]) for t in other.finding.twins):
-            one = pairs.beside(here, without, lacking.parameters, twin, noise, full)
+        for twin in twins:
+            start = {**lacking.parameters, **_sizes(other, twin)}
+            one = pairs.beside(here, without, start, twin, noise, full)
             if one is None or not _as_good(one, full):
                 continue
             fit = least_squares.fit_without(dataset, without, steps[-1].fit.parameters)
@@ -589,6 +592,23 @@ def _spared(dataset, steps, noise, seed, progress):
                 step = Step(twin, without, chosen.fit, {}, {}, chosen)
                 return _ladder(dataset, steps[0], [step if s is other else s for s in steps[1:] if s is not out])
     return None
+
+
+def _at_both(dataset, out, other):
+    """The place of both of two effects, where they are the same at two places; asked once of the two."""
+    if out.added[0] != other.added[0] or out.added > other.added:
+        return []
+    effect = find_effect(dataset.library, out.added[0])
+    one, two = (find_place(dataset.library, other.model.rig, effect, s.added[1]).components for s in (out, other))
+    return [(effect.id, p.name) for p in places(dataset.library, other.model.rig, effect)
+            if set(p.components) == {*one, *two} and not {*one} & {*two}]
+
+
+def _sizes(step, key):
+    """Coefficients of a step's effect, as those of the same one at another place; none of another effect."""
+    own = component_called(*step.added) + "."
+    return {f"{component_called(*key)}.{n.removeprefix(own)}": v for n, v in step.fit.parameters.items()
+            if n.startswith(own) and step.added[0] == key[0]}
 
 
 def _as_good(one, full):

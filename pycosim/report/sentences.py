@@ -792,8 +792,11 @@ def summary_improvement(first, last, ladder, parameters):
         lines += _step(before, step, ladder, first, parameters)
     best, added = first["candidates"][0], [(s["added"]["effect"], s["added"]["place"]) for s in steps[1:]]
     if best["accepted"] and (best["effect"], best["place"]) not in added:
-        lines.append(f"{best['effect']} at {best['place']} was found first, in place of these, and is not needed "
-                     "beside them.")
+        part = {*best["place"].split("+")}
+        all_of = next((p for e, p in added if e == best["effect"] and part < {*p.split("+")}), None)
+        lines.append(f"{best['effect']} at {best['place']} was found first, " + (
+            "in place of these, and is not needed beside them." if all_of is None else
+            f"and then elsewhere; with one size at {all_of} it does as well."))
     if len(steps) > 2:
         lines.append(f"In all: error {change_text(steps[0]['error'], steps[-1]['error'], units)}; "
                      f"held-out {change_text(steps[0]['held_out_error'], steps[-1]['held_out_error'], units)}.")

@@ -16,7 +16,7 @@ from pycosim.diagnosis.crossval import select
 from pycosim.diagnosis.decide import scored
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.scores import LEVEL, Scores
-from pycosim.diagnosis.search import _exchanged, _ladder, _revised, diagnosed, improve, step_of
+from pycosim.diagnosis.search import _exchanged, _ladder, _revised, _spared, diagnosed, improve, step_of
 from pycosim.diagnosis.table import Table
 from pycosim.fit import least_squares
 from pycosim.study.parse import load_study
@@ -177,6 +177,18 @@ def test_two_that_stand_in_for_two_are_exchanged_together(dataset):
     exchanged = _exchanged(dataset, steps, steps[-1].fit.noise, 0, None)
     assert {s.added for s in exchanged[1:]} == set(TRUE)
     assert all(s.finding.p_value < LEVEL and s.finding.coefficients for s in exchanged[1:])
+
+
+@pytest.mark.parametrize(("sizes", "told"), [((0.06, 0.06), [("viscous", "1A+2A")]), ((0.12, 0.04), None)])
+def test_one_effect_found_stage_by_stage_is_at_both_where_one_size_does(sizes, told, tmp_path):
+    """Each was found for want of another effect, and that of both stages could not be looked for beside either."""
+    hidden = [rig.Effect("viscous", place, b=b) for place, b in zip(("1A", "2A"), sizes)]
+    motion = rig.six_manoeuvres(speeds=(0.4, 1.6), repeats=1, longest_pass=5.0)
+    rig.write_csv(rig.measure(rig.PAPER, motion, hidden, rng=1), tmp_path / "run.csv")
+    data = Dataset(load_study(STUDY).with_data([tmp_path / "run.csv"]), Library())
+    steps = ladder(data, [("viscous", "1A"), ("viscous", "2A")])
+    spared = _spared(data, steps, steps[-1].fit.noise, 0, None)
+    assert (spared and [s.added for s in spared[1:]]) == told
 
 
 def test_two_that_nothing_speaks_against_stay(dataset):
