@@ -165,10 +165,10 @@ def _chosen(dataset, whole, model, fit, findings, rivals, base, steady, noise):
     Samples soon after a start are not settled where the model filters a torque: what it was before is not known. No
     effect is fitted to them, yet one that is at work raises no error there. Beside something else that is missing an
     interval may hold zero, and what stands in for a law that nobody knows may have no best value. One that predicts
-    less is not chosen in its stead.
+    less is not chosen in its stead. One that comes to a bound gives way to another that does as well, if there is one.
     """
     refines, ahead = corrections(dataset.library), None
-    for _ in range(len(rivals)):
+    for _ in range(2 * len(rivals)):
         chosen = _decide(findings, rivals, base, refines, steady, bool(model.keys))
         if chosen is None:
             break
@@ -179,7 +179,11 @@ def _chosen(dataset, whole, model, fit, findings, rivals, base, steady, noise):
         if not _can_be_searched(dataset, larger):
             _give_way(findings, chosen, UNSOLVED)
             continue
+        held = _at_a_bound(chosen)
         apart = fit_to_all(chosen, dataset, larger, model, fit, noise)
+        if _at_a_bound(chosen) and not held:
+            _give_way(findings, chosen, None)
+            continue
         reason = NOTHING if not apart else _against(dataset, whole, (model, fit), (larger, chosen.fit), base.usual)
         if reason is None:
             return chosen
@@ -241,7 +245,7 @@ def _predicts_less(one, other):
 
 
 def _give_way(findings, chosen, reason):
-    """Refuse what was chosen, and forget what were alternatives of it."""
+    """Refuse what was chosen, or ask for it anew without a reason; and forget what were alternatives of it."""
     chosen.accepted, chosen.provisional, chosen.contested, chosen.refused = False, False, False, reason
     for finding in findings:
         finding.twins = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field, replace
 
-from ..compile import component_called, compile_model, corrections, find_effect, find_place, places
+from ..compile import compile_model, component_called, corrections, find_effect, find_place, places
 from ..core.errors import PycosimError, StudyError
 from ..fit import least_squares
 from . import compare, pairs

@@ -10,7 +10,7 @@ import pycosim as pc
 from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.scatter import _carried, noise_level
-from pycosim.diagnosis import trials
+from pycosim.diagnosis import decide, trials
 from pycosim.diagnosis.crossval import Selection, _cross_validate, _predictive, difference, gap
 from pycosim.diagnosis.decide import _considered, _decide, _soon
 from pycosim.diagnosis.finding import Finding
@@ -299,3 +299,31 @@ def test_what_a_memory_takes_right_after_turns_is_told_from_what_it_takes_everyw
     finding = Finding(effect, place)
     finding.fit = fit
     assert _soon(dataset, (compile_model(dataset.library, HIP_KNEE, []), fit), finding) == soon
+
+
+def test_one_that_all_samples_bring_to_a_bound_is_weighed_again_with_that(monkeypatch):
+    """A trial fits few samples: of two that do as well, the first was told at its bound, and had not been there."""
+    at, bound, asked = {}, {}, []
+    findings = [Finding(e, "1A") for e in ("viscous", "stribeck")]
+    for f in findings:
+        f.fit = SimpleNamespace(free=[f"{f.effect}_1A.b"], at_bound=lambda name, own=f.effect: at.get(own))
+
+    def decided(findings, *given):
+        found = next((f for f in findings if not at.get(f.effect)), findings[0])
+        found.accepted = True
+        asked.append(found.effect)
+        return found
+
+    def fitted(finding, *given):
+        at[finding.effect] = bound.get(finding.effect)
+        return True
+
+    for name, does in (("_decide", decided), ("fit_to_all", fitted), ("_can_be_searched", lambda *given: True),
+                       *((n, lambda *given: None) for n in ("compile_model", "corrections", "_against"))):
+        monkeypatch.setattr(decide, name, does)
+    model, base = SimpleNamespace(rig="", keys=[]), SimpleNamespace(usual=None)
+    for bound, told in (({"viscous": "max"}, "stribeck"), ({"viscous": "max", "stribeck": "max"}, "viscous")):
+        at.clear()
+        asked.clear()
+        found = decide._chosen(SimpleNamespace(library=None), None, model, None, findings, findings, base, None, None)
+        assert found.effect == told and found.accepted and len(asked) <= 3

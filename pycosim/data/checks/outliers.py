@@ -12,7 +12,8 @@ from ..spikes import MANY, mended, spikes, starts
 from .finding import Finding
 
 _SHOCK = 12.0  # robust deviations of the residual over a tenth of a second
-_CALM = 0.3  # s to the next sample at rest, start, stop or turn
+_CALM, _READINGS, _PART = 0.3, 10, 0.1
+"""To the next sample at rest, start, stop or turn: seconds, samples, and of the usual time between two, at least."""
 _LONGEST = 0.5  # s that a shock lasts at most
 _ABOUT = 0.1  # s on each side that go with it: it rises before it is seen, and rings on
 _SOON = 1.0  # s to a start, stop or turn, within which what comes back is of the motion
@@ -109,7 +110,8 @@ def shocks(readings, columns, holds, study):
             usual = 1.4826 * np.median(np.abs(smooth[hold.used])) if hold.used.any() else 0.0
             # at a reversal friction passes through states that the quick model does not follow
             apart = step * distance_transform_edt(hold.used & ~turns)
-            far = (np.abs(smooth) > _SHOCK * usual) & (apart > _CALM) & ~left_out & (usual > 0)
+            far = (np.abs(smooth) > _SHOCK * usual) & (apart > _calm(hold.used & ~turns, run, step)) & ~left_out
+            far &= usual > 0
             if far.any() and far.mean() < 0.005:
                 hit |= far
                 soon = np.minimum(soon, np.where(far, apart, np.inf))
@@ -122,6 +124,12 @@ def shocks(readings, columns, holds, study):
             f"does not follow in {', '.join(sorted(named))}, as after a shock")
     names = [readings.logs[int(run[a])].name for a, _ in short]
     return [Finding("shock", text, sorted(named), 0.7, times=spans[:50], mend=_left_out(study, names, spans))]
+
+
+def _calm(moving, run, step):
+    """Time to the next start, stop or turn [s] within which nothing is a shock: slow machines take longer to settle."""
+    usual = np.median([b - a + 1 for a, b in _spans(moving, run)] or [0])
+    return max(_CALM, _READINGS * step, _PART * usual * step)
 
 
 def _by_chance(spans, soon):

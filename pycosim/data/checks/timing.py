@@ -108,8 +108,7 @@ class Timing:
         angles = self.group["angles"]
         with_speeds = tuple(dict.fromkeys([*angles, *self.group["speeds"]]))
         sets += [s for s in dict.fromkeys([tuple(angles), with_speeds]) if s]
-        return [s for s in dict.fromkeys(sets)
-                if any(set(s) & r.variables and not r.variables <= set(s) for r in self.relations)]
+        return [s for s in dict.fromkeys(sets) if self._told_by(s)]
 
     def costs(self, names, trials):
         """Sums of the logarithms of the errors that the columns are in, noise apart, the model's parameters held.
@@ -127,13 +126,17 @@ class Timing:
         """
         tried = [with_change(self.sources, {n: Source(n, 1.0, *trial) for n in names}) for trial in trials]
         total = np.zeros(len(tried))
-        for k, relation in enumerate(self.relations):
-            if set(names) & relation.variables:
-                if isinstance(relation, RateRelation) or relation.level:
-                    total += [_cost(relation.hold(self.readings, s, self.holds[k].x)) for s in tried]
-                else:
-                    total += [_logarithms(e) for e in self._errors(relation, self.holds[k], tried)]
+        for k, relation in self._told_by(names):
+            if isinstance(relation, RateRelation) or relation.level:
+                total += [_cost(relation.hold(self.readings, s, self.holds[k].x)) for s in tried]
+            else:
+                total += [_logarithms(e) for e in self._errors(relation, self.holds[k], tried)]
         return total
+
+    def _told_by(self, names):
+        """Numbered relations between some columns and others: one of some alone tells of no time, if all move."""
+        asked = {*names}
+        return [(k, r) for k, r in enumerate(self.relations) if asked & r.variables and not r.variables <= asked]
 
     def _errors(self, relation, old, tried):
         """Errors of each channel of a relation, trial by trial."""
@@ -205,7 +208,7 @@ class Timing:
             By relation that the columns are in.
         """
         sources = with_change(self.sources, {n: Source(n, 1.0, shift, drift) for n in names})
-        holds = {k: self._held(k, sources) for k, r in enumerate(self.relations) if set(names) & r.variables}
+        holds = {k: self._held(k, sources) for k, _ in self._told_by(names)}
         return sum(_cost(h) for h in holds.values()), holds
 
     def _held(self, k, sources):
@@ -299,10 +302,16 @@ class Timing:
         return self._late() or self._apart(shifted)
 
     def _late(self):
-        """Columns that come late by what the samples well inside the passes say."""
+        """Columns that come late by what the samples well inside the passes say, where they leave less then.
+
+        Passes that are all alike have all the same answer where something else is missing, and are as sure of it.
+        """
         found, sure = latest(self.every, self.sources, self.relations, self.holds, self.group["angles"],
                              self.candidates())
         if found is None or sure < _ASKED:
+            return []
+        falls = [max(e, 1e-300) / max(found.after[c], 1e-300) for c, e in found.before.items()]
+        if max(falls) < _FALLS or math.prod(falls) <= 1.0:
             return []
         told = [c for c, e in found.before.items() if not 0.99 * e < found.after[c] < 1.01 * e]
         before, after = ({c: errors[c] for c in told} for errors in (found.before, found.after))
