@@ -34,13 +34,16 @@ _SAME = 1e-7  # of the travel: rounding of numbers; no sensor resolves less
 # --- resolution -----------------------------------------------------------------------------------------------------
 
 
-def resolution(values):
+def resolution(values, time=None):
     """Step of a quantised signal, or the step that would scatter like its noise, whichever is larger.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
         One signal in the order of time, in any unit.
+    time : ndarray, shape (n,), optional
+        Of the samples, strictly increasing, in any unit; even by default. What moves steadily between uneven samples is
+        no noise, nor is what times that were rounded make of even ones.
 
     Returns
     -------
@@ -51,14 +54,26 @@ def resolution(values):
     steps = steps[steps > 0]
     if steps.size == 0 or values.size < _LEAST:
         return 0.0
-    third, travel = np.diff(values, 3), np.abs(values[3:] - values[:-3])  # what is smooth over four samples is gone
-    slow = third[travel <= np.median(travel)]  # jerk and uneven sampling show in fast motion
-    noise = 1.4826 * np.median(np.abs(slow - np.median(slow))) / np.sqrt(20.0)
+    travel = np.abs(values[3:] - values[:-3])
+    slow = travel <= np.median(travel)  # jerk and uneven clocks show in fast motion
+    noise = min(1.4826 * np.median(np.abs(u[slow] - np.median(u[slow]))) for u in _unsmooth(values, time))
     # the smallest step of a continuous signal is rounding, not an encoder's: an encoder's repeats
     smallest = steps.min()
     multiples = steps / smallest
     quantised = np.mean(np.abs(multiples - np.round(multiples)) < 0.01) > 0.99 and multiples.max() < 1e3
     return float(max(noise * np.sqrt(12.0), smallest if quantised else 0.0))
+
+
+def _unsmooth(values, time):
+    """What no parabola through four samples explains, as if they were even and at their times, each with their scatter."""
+    found = [np.diff(values, 3) / np.sqrt(20.0)]
+    if time is not None:
+        four = [time[k:len(time) - 3 + k] for k in range(4)]
+        weights = np.array([1 / np.prod([own - other for other in four[:k] + four[k + 1:]], axis=0)
+                            for k, own in enumerate(four)])
+        told = sum(w * values[k:len(values) - 3 + k] for k, w in enumerate(weights))
+        found.append(told / np.sqrt((weights**2).sum(axis=0)))
+    return found
 
 
 # --- derivatives ----------------------------------------------------------------------------------------------------
@@ -145,7 +160,7 @@ def derivatives(time, angle, speed=None):
     if len(time) < _LEAST:
         raise DataError(f"{len(time)} samples are too few for a derivative; at least {_LEAST} are needed")
     step = float(np.median(np.diff(time)))
-    seen = max(resolution(angle) / np.sqrt(12.0), _SAME * float(np.ptp(angle)))
+    seen = max(resolution(angle, time) / np.sqrt(12.0), _SAME * float(np.ptp(angle)))
     if seen == 0.0:
         return Derivatives(np.zeros(len(time)), np.zeros(len(time)), 0.0, 0.0)
     u, y = (time - time[0]) / step, (angle - angle[0]) / seen
@@ -157,7 +172,7 @@ def derivatives(time, angle, speed=None):
     if speed is not None:
         v = speed * (step / seen)
         apart = 1.4826 * np.median(np.abs(v - curve.first @ found))  # the ends of a curve are less sure
-        spread = max(resolution(v) / np.sqrt(12.0), math.sqrt(max(apart**2 - scatter**2, 0.0)), _SAME * np.abs(v).max(),
+        spread = max(resolution(v, u) / np.sqrt(12.0), math.sqrt(max(apart**2 - scatter**2, 0.0)), _SAME * np.abs(v).max(),
                      _lagging(v - curve.first @ found, curve.second @ found))
         if spread < noise:  # else it says less of every frequency than the angle does
             if spread < noise * band:  # else what the angle hardly tells of there is less than the speed's own noise

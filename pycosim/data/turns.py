@@ -374,8 +374,8 @@ def without_ends(dataset, moving, passes, angles):
         True where `moving` is, but for those ends.
     """
     moving = moving.copy()
-    least = {(run, k): 1.5 * resolution(angle[dataset.run == run]) + 1e-9 * np.ptp(angle)
-             for run in np.unique(dataset.run) for k, angle in enumerate(angles)}
+    least = {(run, k): 1.5 * resolution(angle[there], dataset.time[there]) + 1e-9 * np.ptp(angle)
+             for run in np.unique(dataset.run) for k, angle in enumerate(angles) for there in [dataset.run == run]}
     for pass_number in np.unique(passes[passes >= 0]):
         inside = np.flatnonzero(passes == pass_number)
         first, last = max(inside[0] - 3, 0), min(inside[-1] + 3, len(dataset.time) - 1)

@@ -679,6 +679,16 @@ def test_an_angle_that_keeps_one_value_has_no_speed():
         assert resolution(np.round(np.sin(0.7 * t) / quantum) * quantum) == pytest.approx(quantum, rel=0.5)
 
 
+def test_steps_are_told_whatever_the_clock_does():
+    """A steady angle at times that jitter, rightly logged, or that are rounded, looked rougher than its encoder is."""
+    even = np.arange(3000) * 0.02
+    uneven = even + np.random.default_rng(0).uniform(-0.25, 0.25, even.size) * 0.02
+    steps = [resolution(np.round(3.1 * t / 0.01) * 0.01, said) for t, said in (
+        (even, None), (even, even), (uneven, uneven), (even, np.round(even / 0.015) * 0.015 + 1e-6 * even))]
+    assert steps == pytest.approx([0.01] * 4, rel=0.35)
+    assert resolution(np.round(3.1 * uneven / 0.01) * 0.01) > 0.02
+
+
 def test_too_few_samples_have_no_derivative():
     with pytest.raises(DataError, match="4 samples"):
         derivatives(np.arange(4.0), np.arange(4.0))
