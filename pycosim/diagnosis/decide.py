@@ -118,7 +118,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     channels = _channels(fit.error, held_out, floor, told, base, winner, dataset.steps, provisional, wandering, beats)
     unknown = verdict == "unexplained" and not dataset.averaged and not any(f.contested for f in findings)
     found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single,
-                      smallest(scores, LEVEL, MATTERS), varied(table), None, channels,
+                      smallest(scores, LEVEL, MATTERS, hidden), varied(table), None, channels,
                       partial(unexplained, table, depends, floor) if unknown else None,
                       between=any(_soon(dataset, (model, fit), f) for f in brief))
     return found.finish() if finished else found

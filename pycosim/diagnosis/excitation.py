@@ -47,7 +47,7 @@ def undetectable(table, scores):
                     for effect, place in table.rejected]
 
 
-def smallest(scores, level, matters):
+def smallest(scores, level, matters, hidden=()):
     """The smallest size of each effect at each place that this log would have shown.
 
     Shown in nine logs of ten such that the family-wise p-value is below the level, and enough of the error is taken to
@@ -61,6 +61,8 @@ def smallest(scores, level, matters):
         Family-wise p-value, 0 to 1.
     matters : float
         Least share of the squared error that an effect must take, 0 to 1.
+    hidden : list of dict, optional
+        What the data cannot show, as of `undetectable`: no size of that is told.
 
     Returns
     -------
@@ -69,9 +71,9 @@ def smallest(scores, level, matters):
         the part of the noise that such an effect would add to the error of the channel that shows it best.
     """
     thresholds = {scanned: scores.threshold(level, scanned) for scanned in (False, True)}
-    best = {}
+    best, unseen = {}, {(h["effect"], h["place"]) for h in hidden}
     for score in scores.results:
-        if not score.visible:
+        if not score.visible or score.candidate.key in unseen:
             continue
         candidate = score.candidate
         sided = len(candidate.parts) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)

@@ -23,6 +23,12 @@ def test_an_effect_that_could_hide_at_any_size_is_not_said_to_be_small():
     assert excitation.smallest(scores(0.02), 0.01, 0.05)[0]["value"] > 0.02
 
 
+def test_no_size_is_told_of_what_the_data_cannot_show():
+    """At one speed the ramps alone tell a viscosity: it was said to be found above a size, and not to be visible."""
+    hidden = [{"effect": "viscous", "place": "1A", "why": "one speed only"}]
+    assert excitation.smallest(scores(0.02), 0.01, 0.05, hidden) == []
+
+
 def test_a_size_that_takes_too_little_to_matter_is_not_said_to_show():
     found = excitation.smallest(scores(1e-4), 0.01, 0.05)[0]
     assert found["value"] ** 2 / (1 + found["value"] ** 2) >= 0.05 and found["value"] < 0.24
