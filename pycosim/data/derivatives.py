@@ -65,7 +65,7 @@ def resolution(values, time=None):
 
 
 def _unsmooth(values, time):
-    """What no parabola through four samples explains, as if they were even and at their times, each with their scatter."""
+    """What no parabola through four samples explains, as if they were even, and at their times; scatter as a sample."""
     found = [np.diff(values, 3) / np.sqrt(20.0)]
     if time is not None:
         four = [time[k:len(time) - 3 + k] for k in range(4)]
@@ -172,8 +172,8 @@ def derivatives(time, angle, speed=None):
     if speed is not None:
         v = speed * (step / seen)
         apart = 1.4826 * np.median(np.abs(v - curve.first @ found))  # the ends of a curve are less sure
-        spread = max(resolution(v, u) / np.sqrt(12.0), math.sqrt(max(apart**2 - scatter**2, 0.0)), _SAME * np.abs(v).max(),
-                     _lagging(v - curve.first @ found, curve.second @ found))
+        spread = max(resolution(v, u) / np.sqrt(12.0), math.sqrt(max(apart**2 - scatter**2, 0.0)),
+                     _SAME * np.abs(v).max(), _lagging(v - curve.first @ found, curve.second @ found))
         if spread < noise:  # else it says less of every frequency than the angle does
             if spread < noise * band:  # else what the angle hardly tells of there is less than the speed's own noise
                 band = max(band, _bandwidth(u, v, 1))

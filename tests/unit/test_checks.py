@@ -366,6 +366,15 @@ def test_what_comes_back_in_each_pass_and_what_lies_beside_missing_samples_is_no
     assert [a < t < b for (a, b), t in zip(shock.times, times, strict=True)] == [True] * 3
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(("case", "told"), [
+    ("mistake:clock:1:55000004", True),  # a slow stretch, which hardly says how late it is, was out of order
+    ("noise_speed:presliding:2.4:57000062", False)])  # late after turns alone, the later the slower the pass
+def test_a_clock_is_late_inside_the_passes_in_the_order_of_what_tells_it(library, tmp_path, case, told):
+    found = checked(library, load_study(make(case, tmp_path, quick=True))).findings
+    assert any(f.kind == "clock" for f in found) == told
+
+
 def test_a_unit_in_the_name_of_a_column_that_the_study_contradicts_is_told(library, tmp_path):
     names = {"theta1": "theta1 [deg]", "tau1": "tau1 (mN.m)", "tau2": "tau2 [A]", "omega1": "omega1_rad/s",
              "C_H": "C_H [Nm]", "omega2": "omega2 [rpm]"}

@@ -109,7 +109,7 @@ class Inside:
         Late or None
             None where too little is seen inside the passes, or where nothing depends on when they were read.
         """
-        asked = [(r, x) for r, x in self.models if set(names) & r.variables and not r.variables <= set(names)]
+        asked = self._asked(names)
         if not asked or self.count < _FEWEST:
             return None
         shift = 0.0
@@ -153,14 +153,14 @@ class Inside:
                            1e-300)[:, None]
         return there[0] / sizes, (there[1] - there[2]) / (2 * _CUT) / sizes, sizes
 
-    def _left(self, relation, x, names, shift):
-        sources = with_change(self.sources, {n: Source(n, 1.0, shift) for n in names})
+    def _left(self, relation, x, names, shift, drift=0.0):
+        sources = with_change(self.sources, {n: Source(n, 1.0, shift, drift) for n in names})
         return (relation.measured(self.readings, sources)
                 - relation.predict(self.readings, sources, x))[:, self.inside]
 
-    def _known(self, relation, x, names, shift, sizes):
+    def _known(self, relation, x, names, shift, sizes, drift=0.0):
         """Columns of what the model may fit, and of what goes with accelerations, channel by channel."""
-        sources = with_change(self.sources, {n: Source(n, 1.0, shift) for n in names})
+        sources = with_change(self.sources, {n: Source(n, 1.0, shift, drift) for n in names})
         slopes = relation.evaluate(relation.arguments(self.readings, sources), x, self.readings.time.size)[3]
         channels, rows = len(sizes), len(self.beside)
         beside = np.zeros((channels, channels * rows, self.at.size))
@@ -171,21 +171,46 @@ class Inside:
         length = np.linalg.norm(columns, axis=0)
         return columns[:, length > 0] / length[length > 0]
 
-    def _errors(self, asked, names, shift):
+    def fall(self, names, drift):
+        """Factor by which errors inside the passes fall, all channels together, where columns drift away.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Variables of one clock.
+        drift : float
+            As of `Source`.
+
+        Returns
+        -------
+        float
+            Infinite where too little is seen inside the passes to say.
+        """
+        asked = self._asked(names)
+        if not asked or self.count < _FEWEST:
+            return math.inf
+        before, after = self._errors(asked, names, 0.0, drift)
+        return math.prod(max(e, 1e-300) / max(after[c], 1e-300) for c, e in before.items())
+
+    def _asked(self, names):
+        """Models of some of the columns that others are held against, with their parameters."""
+        return [(r, x) for r, x in self.models if set(names) & r.variables and not r.variables <= set(names)]
+
+    def _errors(self, asked, names, shift, drift=0.0):
         """Errors by channel that neighbours share, in the relation whose error falls most."""
         before, after, falls = {}, {}, {}
         for relation, x in asked:
             sizes = self._residual(relation, x, names, 0.0)[2]
-            errors = [self._shared(relation, x, names, s, sizes) for s in (0.0, shift)]
+            errors = [self._shared(relation, x, names, sizes, *late) for late in ((0.0, 0.0), (shift, drift))]
             for channel, old, new in zip(relation.channels, *errors):
                 fall = old / max(new, 1e-300)
                 if fall > falls.get(channel, 0.0):
                     falls[channel], before[channel], after[channel] = fall, float(old), float(new)
         return before, after
 
-    def _shared(self, relation, x, names, shift, sizes):
-        known = self._known(relation, x, names, shift, sizes)
-        residual = self._left(relation, x, names, shift) / sizes
+    def _shared(self, relation, x, names, sizes, shift, drift):
+        known = self._known(relation, x, names, shift, sizes, drift)
+        residual = self._left(relation, x, names, shift, drift) / sizes
         fitted = known @ np.linalg.lstsq(known, residual.ravel(), rcond=1e-9)[0]
         left = np.clip(residual - fitted.reshape(residual.shape), -2 * _LIMIT, 2 * _LIMIT) * sizes
         one, two = self.pairs
