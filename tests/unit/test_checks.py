@@ -23,6 +23,7 @@ from pycosim.core.errors import StudyError
 from pycosim.data.checks import DISCRETE, KINDS, check
 from pycosim.data.checks.finding import Finding, joined
 from pycosim.data.checks.limits import beyond
+from pycosim.data.checks.sampling import stands
 from pycosim.data.dataset import Dataset
 from pycosim.data.logs import load
 from pycosim.study.parse import load_study
@@ -364,6 +365,27 @@ def test_what_comes_back_in_each_pass_and_what_lies_beside_missing_samples_is_no
     frame.assign(C_H=frame["C_H"] + 6.0 * hit).to_csv(tmp_path / "hit.csv", index=False)
     shock = next(f for f in checked(library, missing.with_data([tmp_path / "hit.csv"])).findings if f.kind == "shock")
     assert [a < t < b for (a, b), t in zip(shock.times, times, strict=True)] == [True] * 3
+
+
+def test_readings_that_stand_for_several_rows_are_told_and_coarse_ones_are_none():
+    rng, t = np.random.default_rng(0), np.arange(3000) * 0.01
+    angle, torque = np.cumsum(np.sin(t)) * 0.01, rng.standard_normal(3000).round(1)
+    for k in (2, 3, 7):
+        assert [stands(np.repeat(v[::k], k)[:3000]) for v in (angle, torque)] == [k, k]
+    for step in (1e-4, 1e-3, 5e-3, 2e-2):
+        assert stands((angle / step).round() * step) == 1
+    assert stands(torque) == stands(torque.round()) == stands(np.zeros(3000)) == 1
+    assert stands((0.37 * t / 0.01).round()) == 1, "steady motion of an encoder with few counts"
+
+
+def test_rows_that_repeat_are_said_to(library, tmp_path):
+    frame = sound()
+    every = frame.iloc[np.arange(len(frame)) // 3 * 3].assign(time=frame["time"].to_numpy())
+    told = next(f.text for f in checked(library, study(tmp_path, every)).findings if f.kind == "rate")
+    assert told.endswith("every row stands 3 times: keep one of each")
+    held = frame.assign(**{n: frame[n].to_numpy()[np.arange(len(frame)) // 2 * 2] for n in TAU})
+    told = next(f.text for f in checked(library, study(tmp_path, held)).findings if f.kind == "rate")
+    assert "readings of tau1 and tau2 stand for 2 rows, and are 0.005 s old on average" in told
 
 
 @pytest.mark.long

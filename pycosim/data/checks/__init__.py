@@ -59,7 +59,7 @@ def check(study, library, model, logs):
         return Checked([], list(study.accept))
     shared = sorted(set.intersection(*[set(log.signals) for log in logs]))
     columns = Columns(study, shared)
-    found = rate(logs)
+    found = rate(logs, columns)
     steps, raw = resolution(logs, columns)
     unwrapped, logs, _ = wrapped(logs, columns)
     in_seconds, factor = clock(study, logs, model)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.units import UNITS
 from ...study.schema import Column
+from .changes import listed
 from .finding import Finding, column_line
 
 _SLOWEST = 0.2
@@ -22,17 +23,22 @@ _GAP = 5.0  # usual intervals without a sample
 _UNEVEN = 0.05  # relative scatter of the interval that is worth a word
 _MOST_ROWS, _WHOLE = 100, 0.003
 """Rows left out for each that is there at most, and part by which that number may be off a whole one."""
+_STANDS, _CHANGES, _MOSTLY, _EVEN = 16, 50, 0.5, 0.95
+"""Rows for which a reading stands at most; changes that are needed, part of them as far apart as most, and part that
+are some multiple of that apart: a coarse reading changes now and then."""
 _FOLLOWS = 0.95  # correlation of a speed with the slope of its angle, from which their ratio says something
 _MANY = 200_000  # samples of a column from which its steps are found
 
 
-def rate(logs):
-    """Rate, length and gaps of the logs.
+def rate(logs, columns):
+    """Rate, length and gaps of the logs, and readings that stand for several rows.
 
     Parameters
     ----------
     logs : list of Log
         Their times [s] are taken as the study reads them.
+    columns : Columns
+        Name the columns of the variables.
 
     Returns
     -------
@@ -54,7 +60,42 @@ def rate(logs):
     uneven = max(float(1.4826 * np.median(np.abs(s - u)) / u) for s, u in zip(steps, usual))
     if uneven > _UNEVEN:
         text += f"; the interval scatters by {100 * uneven:.0f} %"
-    return [Finding("rate", text, times=gaps[:20])]
+    return [Finding("rate", text + _held(logs, max(usual), columns), times=gaps[:20])]
+
+
+def _held(logs, step, columns):
+    """Which readings stand for several rows, as a slow device's do that a fast logger asks; empty where none does."""
+    rows = {n: min(stands(log.signals[n]) for log in logs) for n in sorted(set.intersection(*map(
+        set, (log.signals for log in logs))))}
+    if not rows or max(rows.values()) == 1:
+        return ""
+    if min(rows.values()) == max(rows.values()):
+        return f"; every row stands {max(rows.values())} times: keep one of each"
+    return "".join(
+        f"; readings of {listed(columns.of(n) for n in rows if rows[n] == k)} stand for {k} rows, and are "
+        f"{(k - 1) / 2 * step:.3g} s old on average" for k in sorted({*rows.values()} - {1}))
+
+
+def stands(values):
+    """Rows for which a reading stands.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Of one signal of one log, in any unit.
+
+    Returns
+    -------
+    int
+        1 where readings change with any row, or at no even distance as a coarse one does.
+    """
+    apart = np.diff(np.flatnonzero(np.diff(values)))
+    apart = apart[apart <= _STANDS]
+    if apart.size < _CHANGES:
+        return 1
+    usual = int(np.bincount(apart).argmax())
+    even = usual > 1 and np.mean(apart == usual) > _MOSTLY and np.mean(apart % usual == 0) > _EVEN
+    return usual if even else 1
 
 
 def rest(logs, moving):
