@@ -45,8 +45,8 @@ _WIDE, _SLOPES, _ORDERS = 4.0, 41, 999
 _CHANCE, _ABOUT = 0.05, 2.0
 """Of an order in time among stretches, at most; and factor within which their drift is the drift. Seventeen clocks had
 orders of their best delays that chance brings in 3.2 % at most, and slopes of 0.6 to 1.5; of a dozen lags and other
-effects none had both but two machines that warm up, which are told by what ageing leaves. Two of fifteen more had a
-best delay of noise among them, in slow motion, and orders of 15 %; weighed, of 1 %."""
+effects none had both but two machines that warm up, which are told by what ageing leaves. Two of twenty more had a
+best delay of noise among them, in slow motion, and orders of 13 and 15 %; weighed, of 1 %."""
 _SURE = 8.0
 """Least gain of the logarithm of the likelihood."""
 _APART = 0.05  # s that a drifting clock is off at the end at least
