@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ from benchmarks.real_logs.make import make
 from pycosim.cli.entry import main
 from pycosim.compile import Library
 from pycosim.core.errors import StudyError
-from pycosim.data.checks import DISCRETE, KINDS, check
+from pycosim.data.checks import DISCRETE, KINDS, check, inside, timing
 from pycosim.data.checks.finding import Finding, joined
 from pycosim.data.checks.limits import beyond
 from pycosim.data.checks.sampling import stands
@@ -365,6 +366,28 @@ def test_what_comes_back_in_each_pass_and_what_lies_beside_missing_samples_is_no
     frame.assign(C_H=frame["C_H"] + 6.0 * hit).to_csv(tmp_path / "hit.csv", index=False)
     shock = next(f for f in checked(library, missing.with_data([tmp_path / "hit.csv"])).findings if f.kind == "shock")
     assert [a < t < b for (a, b), t in zip(shock.times, times, strict=True)] == [True] * 3
+
+
+def test_columns_that_are_late_together_tell_each_other_of_no_time():
+    """Read between jittered samples both are smoother, and an angle and its speed agreed better: 7 ms late."""
+    own, other = (SimpleNamespace(variables={"motor.phi", "motor.w", *more}) for more in ((), ("motor.tau",)))
+    trial = timing.Timing.__new__(timing.Timing)
+    trial.relations = [own, other]
+    assert trial._told_by(("motor.phi", "motor.w")) == [(1, other)]
+    assert trial._told_by(("motor.w",)) == [(0, own), (1, other)]
+
+
+def test_what_is_late_leaves_less_at_its_own_time(monkeypatch):
+    """Passes that are all alike are all as sure of a shift where something else is missing: 81 ms, 98 % sure."""
+    trial = timing.Timing.__new__(timing.Timing)
+    trial.every = trial.sources = trial.relations = trial.holds = None
+    trial.group, trial.step, trial.columns = {"angles": []}, 0.005, SimpleNamespace(of=str, column=lambda name: None)
+    monkeypatch.setattr(trial, "candidates", list, raising=False)
+    for after, told in (({"C_H": 0.43, "C_K": 0.57}, False), ({"C_H": 0.359, "C_K": 0.556}, False),
+                        ({"C_H": 0.2, "C_K": 0.55}, True)):
+        late = inside.Late(("motor1.tau",), 0.08, 1e-9, {"C_H": 0.36, "C_K": 0.557}, after)
+        monkeypatch.setattr(timing, "latest", lambda *given, late=late: (late, 0.98))
+        assert [f.kind for f in trial._late()] == (["shift"] if told else [])
 
 
 def test_readings_that_stand_for_several_rows_are_told_and_coarse_ones_are_none():
