@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from .readings import Source, with_change
-from .relations import ModelRelation, moving
+from .relations import ModelRelation, between, moving
 
 _FROM, _TO = 0.2, 0.9
 """Parts of the time of a stretch between which a sample is well inside it."""
@@ -189,23 +189,22 @@ class Inside:
         asked = self._asked(names)
         if not asked or self.count < _FEWEST:
             return math.inf
-        before, after = self._errors(asked, names, 0.0, drift)
-        return math.prod(max(e, 1e-300) / max(after[c], 1e-300) for c, e in before.items())
+        return math.prod(falls(*self._errors(asked, names, 0.0, drift)))
 
     def _asked(self, names):
         """Models of some of the columns that others are held against, with their parameters."""
-        return [(r, x) for r, x in self.models if set(names) & r.variables and not r.variables <= set(names)]
+        return [(r, x) for r, x in self.models if between(r, names)]
 
     def _errors(self, asked, names, shift, drift=0.0):
         """Errors by channel that neighbours share, in the relation whose error falls most."""
-        before, after, falls = {}, {}, {}
+        before, after, most = {}, {}, {}
         for relation, x in asked:
             sizes = self._residual(relation, x, names, 0.0)[2]
             errors = [self._shared(relation, x, names, sizes, *late) for late in ((0.0, 0.0), (shift, drift))]
             for channel, old, new in zip(relation.channels, *errors):
                 fall = old / max(new, 1e-300)
-                if fall > falls.get(channel, 0.0):
-                    falls[channel], before[channel], after[channel] = fall, float(old), float(new)
+                if fall > most.get(channel, 0.0):
+                    most[channel], before[channel], after[channel] = fall, float(old), float(new)
         return before, after
 
     def _shared(self, relation, x, names, sizes, shift, drift):
@@ -224,6 +223,21 @@ def _stretches(run, rates):
     for first, last in itertools.pairwise([0, *edges, len(run)]):
         if keys[first, 1] and last - first >= _SHORTEST:
             yield first, last
+
+
+def falls(before, after):
+    """Factors by which errors fall.
+
+    Parameters
+    ----------
+    before, after : dict of str to float
+        Errors by channel.
+
+    Returns
+    -------
+    list of float
+    """
+    return [max(e, 1e-300) / max(after[c], 1e-300) for c, e in before.items()]
 
 
 def latest(readings, sources, relations, holds, angles, candidates):

@@ -17,7 +17,7 @@ _CALM, _READINGS, _PART = 0.3, 10, 0.1
 _LONGEST = 0.5  # s that a shock lasts at most
 _ABOUT = 0.1  # s on each side that go with it: it rises before it is seen, and rings on
 _SOON = 1.0  # s to a start, stop or turn, within which what comes back is of the motion
-_AGAIN = 3  # times that it comes back as soon; of five shocks, three do so by chance in one log of twenty
+_AGAIN = 3  # times that it comes back as soon; of five shocks, three do so by chance in one log of sixty
 _GAP = 3.0  # usual steps between two samples, from which some are missing there
 
 

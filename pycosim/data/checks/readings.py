@@ -173,7 +173,7 @@ class Readings:
         time, values = self.times[k], self.values[name][k]
         if values.size < _LEAST:
             return 1
-        quantum = resolution(values[:20000])
+        quantum = resolution(values[:20000], time[:20000])
         longest = max(2, min(_WIDEST, int(_LONGEST / max(np.median(np.diff(time)), 1e-12))))
         for reach in (1, 2, 4, 8, 16, 32):
             if reach >= longest:

@@ -90,6 +90,23 @@ def agreement(names, residual, measured, used, partners, x=None):
     return Agreement(relative, error, smooth, residual, used, x, spreads)
 
 
+def between(relation, names):
+    """Whether a relation holds some columns against others: one of those alone tells of no time, if all move.
+
+    Parameters
+    ----------
+    relation : ModelRelation or RateRelation
+        With the variables that it is about.
+    names : iterable of str
+        Variables that are read at another time together.
+
+    Returns
+    -------
+    bool
+    """
+    return bool({*names} & relation.variables) and not relation.variables <= {*names}
+
+
 def shared(residual, first, second):
     """Size of the part of a residual that neighbouring samples share, at least what chance would give.
 

@@ -12,9 +12,9 @@ from scipy.stats import kendalltau, theilslopes
 
 from .changes import listed
 from .finding import QUESTION, Finding, column_line
-from .inside import Inside, latest
+from .inside import Inside, falls, latest
 from .readings import Source, with_change
-from .relations import ModelRelation, RateRelation, _winsorised, shared
+from .relations import ModelRelation, RateRelation, _winsorised, between, shared
 
 _LATEST = 0.2
 """s by which a column may come late or early."""
@@ -138,9 +138,8 @@ class Timing:
         return total
 
     def _told_by(self, names):
-        """Numbered relations between some columns and others: one of some alone tells of no time, if all move."""
-        asked = {*names}
-        return [(k, r) for k, r in enumerate(self.relations) if asked & r.variables and not r.variables <= asked]
+        """Numbered relations between some columns and others."""
+        return [(k, r) for k, r in enumerate(self.relations) if between(r, names)]
 
     def _errors(self, relation, old, tried):
         """Errors of each channel of a relation, trial by trial."""
@@ -315,8 +314,8 @@ class Timing:
                              self.candidates())
         if found is None or sure < _ASKED:
             return []
-        falls = [max(e, 1e-300) / max(found.after[c], 1e-300) for c, e in found.before.items()]
-        if max(falls) < _FALLS or math.prod(falls) <= 1.0:
+        factors = falls(found.before, found.after)
+        if max(factors) < _FALLS or math.prod(factors) <= 1.0:
             return []
         told = [c for c, e in found.before.items() if not 0.99 * e < found.after[c] < 1.01 * e]
         before, after = ({c: errors[c] for c in told} for errors in (found.before, found.after))
@@ -351,10 +350,10 @@ class Timing:
     def _drifts(self, drifted):
         """Whether columns come the later the longer the log, as neither chance nor a machine that warms up has it."""
         names, _, drift, holds = drifted
-        falls, likelihood, *_ = self._worth(holds)
+        ratio, likelihood, *_ = self._worth(holds)
         most = abs(drift) * self.length
         alone = len(names) == 1 and any(names[0] in members and len(members) > 1 for members in self.group.values())
-        if falls < (_ALONE if alone else _FELL) or likelihood < _SURE or most < _APART:
+        if ratio < (_ALONE if alone else _FELL) or likelihood < _SURE or most < _APART:
             return False
         if self._ageing(holds) < math.log(_AGED):
             return False
