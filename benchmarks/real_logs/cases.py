@@ -114,6 +114,12 @@ CONDITIONS = {
     "noise_load": Condition("noise grows fivefold with the load", {"grows": "load"}),
     "one_noisy": Condition("one run of three four times noisier", {"part_noise": (1.0, 4.0, 1.0)}, files=3),
     "rate50": Condition("50 Hz", rate=50.0),
+    "jitter": Condition("samples up to a quarter of an interval early or late, encoders in steps", {
+        "jitter": 0.25, "joint_bits": BITS, "motor_bits": BITS, "speed": [True, False]}),
+    "held_current": Condition("currents that stand for three rows", {"stands": {"tau": 3}}),
+    "held_reference": Condition("references that stand for two rows", {"stands": {"C": 2}}),
+    "held_rows": Condition("rows that stand twice, encoders and currents in steps", {
+        "stands": {"all": 2}, "joint_bits": BITS, "motor_bits": BITS, "current_bits": CURRENT}),
     "lag_reference": Condition("reference through 5 Hz", {"low_pass": {"C": 5.0}}, named=LAG),
     "lag_current": Condition("currents through 5 Hz", {"low_pass": {"tau": 5.0}}, named=LAG),
     "lag_gait": Condition("ordinary motion, reference through 5 Hz", {"low_pass": {"C": 5.0}}, motion="gait",

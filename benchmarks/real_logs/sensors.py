@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.signal import lfilter
@@ -39,6 +39,10 @@ class World:
         Digits of the recorded numbers after the point.
     noise : float
         Factor on all noise.
+    jitter : float
+        By how much of an interval a sample comes earlier or later at most; its time is known.
+    stands : dict of str to int
+        Rows for which readings stand, by "tau", "C" or "all".
     """
 
     motor_bits: int | None = None
@@ -56,6 +60,8 @@ class World:
     reference_joint: int = 0
     digits: int = 6
     noise: float = 1.0
+    jitter: float = 0.0
+    stands: dict = field(default_factory=dict)
 
 
 def quantised(x, step, rng=None):
@@ -107,10 +113,13 @@ def record(plant, truth, motion, world, seed):
     dict of str to ndarray
         In the order of the file.
     """
-    time, dt, n = truth.time, truth.time[1] - truth.time[0], len(truth.time)
-    stream = {name: np.random.default_rng([seed, k]) for k, name in enumerate(("tau", "C", "q", "theta", "spikes"))}
+    dt, n = truth.time[1] - truth.time[0], len(truth.time)
+    stream = {name: np.random.default_rng([seed, k]) for k, name in enumerate(
+        ("tau", "C", "q", "theta", "spikes", "clock"))}
+    if world.jitter:
+        truth = _jittered(truth, world.jitter * dt, stream["clock"])
     shape = _shape(truth, world, n)
-    log = {"time": np.round(time, 6)}
+    log = {"time": np.round(truth.time, 6)}
     theta = _encoded(truth.theta, world.motor_bits, plant.turn, stream["theta"])
     log.update(zip(plant.columns["theta"], theta))
     if world.speed:
@@ -132,9 +141,19 @@ def record(plant, truth, motion, world, seed):
     if world.joint_bits:
         log.update(zip(plant.columns["q"], _encoded(truth.q, world.joint_bits, 2 * np.pi, stream["q"])))
     log.update(zip(plant.columns["C"], C))
+    for kind, rows in world.stands.items():
+        log.update({name: log[name][np.arange(n) // rows * rows] for name in log
+                    if name != "time" and kind in ("all", *(k for k in plant.columns if name in plant.columns[k]))})
     if np.ptp(truth.temperature) > 0:
         log["temperature"] = np.round(truth.temperature, 2)
     return {name: np.round(x, world.digits) for name, x in log.items()}
+
+
+def _jittered(truth, most, rng):
+    """What is true at times that come earlier or later than even ones, straight between those."""
+    time = truth.time + rng.uniform(-most, most, len(truth.time))
+    return replace(truth, time=time, **{name: np.array([np.interp(time, truth.time, x) for x in getattr(truth, name)])
+                                        for name in ("theta", "omega", "q", "measured", "C")})
 
 
 def _encoded(angles, bits, turn, rng):

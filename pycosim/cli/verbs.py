@@ -158,14 +158,13 @@ def _add(run, arguments):
 
 
 def _improve(run, arguments):
-    if getattr(arguments, "bare", False):
-        _improved(run)
-        return
     from .beside import Beside
-    dataset = run.project.dataset
+    dataset, bare = run.project.dataset, getattr(arguments, "bare", False)
     with Beside(dataset.library, run.project.study.rig) as beside:
         with beside.fits(dataset) if arguments.on is None else nullcontext():
             found = _improved(run)
+        if bare:
+            return
         run.draw("write_figures", found.found, beside.save)
         beside.begin()
         found.report(run.folder.file("report.html"), run.folder.file("data") if run.verb == "report" else None)

@@ -16,10 +16,12 @@ from .copies import refuse_copies
 from .frames import Frame
 from .likeness import bare, named_unit
 from .readers import read_parts
+from .stale import fresh
 from .stamps import evened
 
 SLOWEST, FASTEST = 10.0, 1e-6
 """Median sample intervals [s] beyond which the time column cannot be in seconds."""
+_SLOW = ("degC", "K")
 _USUAL = 0.2  # s between samples of a drive at most
 
 
@@ -43,7 +45,9 @@ class Log:
         First and last row of stretches left out: drop-outs, or samples that the format says are not to be used.
     meta : dict
         What the file says about the run; ``samples`` and ``deviation`` when the log is the mean of a file;
-        ``file_rows`` and ``means_of`` when its samples are the means of so many rows.
+        ``file_rows`` and ``means_of`` when its samples are the means of so many rows; with ``stands``, variable to the
+        rows for which its readings stand, its samples are rows in which they are new, and ``whole`` says whether all
+        stand alike.
     rows : ndarray of int, shape (n,)
         Row in the file, as an editor shows it; the header is row 1. Of a mean, the first one.
     header : list of str
@@ -137,9 +141,11 @@ def read_log(path, study, strict=True):
             table.columns[study.time_column] = (table.rows - first.rows[0]) / study.rate
         gathered.add(table)
     columns, rows = gathered.finish(study.drop_outs)
+    new, stale = _fresh(columns, used) if every == 1 and study.average != "file" else (slice(None), {})
+    columns, rows = {n: v[new] for n, v in columns.items()}, rows[new]
     columns[study.time_column], rounded = evened(columns[study.time_column])
     meta = first.meta | ({"file_rows": count, "means_of": every} if every > 1 else {}) | (
-        {"rounded_time": rounded} if rounded else {})
+        {"rounded_time": rounded} if rounded else {}) | ({"file_rows": count, **stale} if stale else {})
     log = Log(path.name, path, columns[study.time_column], _signals(path, columns, study, used),
               columns.get(study.labels), gathered.dropped, meta, rows, first.header,
               {c.variable: n for n, c in study.columns.items()})
@@ -148,6 +154,14 @@ def read_log(path, study, strict=True):
     if strict or study.average == "file":
         require_units([log])
     return _average(log) if study.average == "file" else log
+
+
+def _fresh(columns, used):
+    """Rows in which readings are new, where some stand for several; how long a slow temperature stands is no matter."""
+    asked = {n: columns[n] for n, c in used.items() if c.dimension not in _SLOW}
+    new, rows = fresh(asked)
+    return new, {"stands": {used[n].variable: k for n, k in rows.items()},
+                 "whole": len(rows) == len(asked) and len({*rows.values()}) == 1} if rows else {}
 
 
 def _signals(path, columns, study, used):

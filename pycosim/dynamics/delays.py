@@ -9,6 +9,8 @@ function then needs only the derivative by the delay or the time constant.
 
 from __future__ import annotations
 
+from functools import cache, partial
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -52,7 +54,7 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
     dict of str to ndarray, as many as are wanted
         Those that the question delays, and each delay [s], a number, under ``at(x)``.
     """
-    found = {}
+    found, nearest = {}, cache(partial(_nearest, time, run))  # torques are often as late as each other
     if not question.late:
         return found
     values = settings(question, [*question.late.values(), *(f"lag({n})" for n in question.late)], parameters)
@@ -65,7 +67,7 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
         else:
             near, slope = slice(None), slopes[name][0]
             if delay:
-                near, slope, record_then = _moved(name, signals[name], time, run, delay, slopes[name], moved)
+                near, slope, record_then = _moved(name, signals[name], delay, nearest(delay), slopes[name], moved)
                 found[name] = record_then[some]
             slope = slope[some]
             back = [v[near][some] for v in held(name, lag)] if at_lag in question.inputs else ()
@@ -76,9 +78,9 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
     return found
 
 
-def _moved(name, values, time, run, delay, slopes, moved):
+def _moved(name, values, delay, nearest, slopes, moved):
     """The samples nearest to those a delay later, the slope there, and a measured torque moved by the delay."""
-    near, apart = _nearest(time, run, delay)
+    near, apart = nearest
     slope, jumping = (s[near] for s in slopes)
     own, beside = values[near], values[near + np.sign(apart).astype(int)]
     found = own + slope * apart + np.clip(jumping * apart, np.minimum(beside - own, 0.0), np.maximum(beside - own, 0.0))

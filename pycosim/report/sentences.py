@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from ..compile import component_called
+from ..data.checks.sampling import stale_text
 from ..diagnosis.compare import worded
 from ..diagnosis.decide import TOO_FEW
 from ..diagnosis.dependence import ALARM, RARE
@@ -168,6 +169,8 @@ def summary_data(dataset):
     for log in dataset.logs:
         if "means_of" in log.meta:
             lines.append(f"{log.name}: {log.meta['file_rows']:,} rows, read as means of {log.meta['means_of']}.")
+        if "stands" in log.meta:
+            lines.append(f"{log.name}: {log.meta['file_rows']:,} rows; {stale_text(log, log.columns.get)}.")
         if log.dropped:
             rows = sum(b - a + 1 for a, b in log.dropped)
             lines.append(f"{log.name}: {rows} {'row' if rows == 1 else 'rows'} left out.")

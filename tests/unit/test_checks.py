@@ -24,7 +24,6 @@ from pycosim.core.errors import StudyError
 from pycosim.data.checks import DISCRETE, KINDS, check, inside, timing
 from pycosim.data.checks.finding import Finding, joined
 from pycosim.data.checks.limits import beyond
-from pycosim.data.checks.sampling import stands
 from pycosim.data.dataset import Dataset
 from pycosim.data.logs import load
 from pycosim.study.parse import load_study
@@ -388,27 +387,6 @@ def test_what_is_late_leaves_less_at_its_own_time(monkeypatch):
         late = inside.Late(("motor1.tau",), 0.08, 1e-9, {"C_H": 0.36, "C_K": 0.557}, after)
         monkeypatch.setattr(timing, "latest", lambda *given, late=late: (late, 0.98))
         assert [f.kind for f in trial._late()] == (["shift"] if told else [])
-
-
-def test_readings_that_stand_for_several_rows_are_told_and_coarse_ones_are_none():
-    rng, t = np.random.default_rng(0), np.arange(3000) * 0.01
-    angle, torque = np.cumsum(np.sin(t)) * 0.01, rng.standard_normal(3000).round(1)
-    for k in (2, 3, 7):
-        assert [stands(np.repeat(v[::k], k)[:3000]) for v in (angle, torque)] == [k, k]
-    for step in (1e-4, 1e-3, 5e-3, 2e-2):
-        assert stands((angle / step).round() * step) == 1
-    assert stands(torque) == stands(torque.round()) == stands(np.zeros(3000)) == 1
-    assert stands((0.37 * t / 0.01).round()) == 1, "steady motion of an encoder with few counts"
-
-
-def test_rows_that_repeat_are_said_to(library, tmp_path):
-    frame = sound()
-    every = frame.iloc[np.arange(len(frame)) // 3 * 3].assign(time=frame["time"].to_numpy())
-    told = next(f.text for f in checked(library, study(tmp_path, every)).findings if f.kind == "rate")
-    assert told.endswith("every row stands 3 times: keep one of each")
-    held = frame.assign(**{n: frame[n].to_numpy()[np.arange(len(frame)) // 2 * 2] for n in TAU})
-    told = next(f.text for f in checked(library, study(tmp_path, held)).findings if f.kind == "rate")
-    assert "readings of tau1 and tau2 stand for 2 rows, and are 0.005 s old on average" in told
 
 
 @pytest.mark.long

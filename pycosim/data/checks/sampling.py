@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.units import UNITS
 from ...study.schema import Column
+from ..stale import stands
 from .changes import listed
 from .finding import Finding, column_line
 
@@ -23,9 +24,6 @@ _GAP = 5.0  # usual intervals without a sample
 _UNEVEN = 0.05  # relative scatter of the interval that is worth a word
 _MOST_ROWS, _WHOLE = 100, 0.003
 """Rows left out for each that is there at most, and part by which that number may be off a whole one."""
-_STANDS, _CHANGES, _MOSTLY, _EVEN = 16, 50, 0.5, 0.95
-"""Rows for which a reading stands at most; changes that are needed, part of them as far apart as most, and part that
-are some multiple of that apart: a coarse reading changes now and then."""
 _FOLLOWS = 0.95  # correlation of a speed with the slope of its angle, from which their ratio says something
 _MANY = 200_000  # samples of a column from which its steps are found
 
@@ -60,42 +58,38 @@ def rate(logs, columns):
     uneven = max(float(1.4826 * np.median(np.abs(s - u)) / u) for s, u in zip(steps, usual))
     if uneven > _UNEVEN:
         text += f"; the interval scatters by {100 * uneven:.0f} %"
-    return [Finding("rate", text + _held(logs, max(usual), columns), times=gaps[:20])]
+    return [Finding("rate", text + _stale(logs, max(usual), columns), times=gaps[:20])]
 
 
-def _held(logs, step, columns):
+def _stale(logs, step, columns):
     """Which readings stand for several rows, as a slow device's do that a fast logger asks; empty where none does."""
+    text = next((f"; {stale_text(log, columns.of)}" for log in logs if "stands" in log.meta), "")
     rows = {n: min(stands(log.signals[n]) for log in logs) for n in sorted(set.intersection(*map(
         set, (log.signals for log in logs))))}
-    if not rows or max(rows.values()) == 1:
-        return ""
-    if min(rows.values()) == max(rows.values()):
-        return f"; every row stands {max(rows.values())} times: keep one of each"
-    return "".join(
+    return text + "".join(
         f"; readings of {listed(columns.of(n) for n in rows if rows[n] == k)} stand for {k} rows, and are "
         f"{(k - 1) / 2 * step:.3g} s old on average" for k in sorted({*rows.values()} - {1}))
 
 
-def stands(values):
-    """Rows for which a reading stands.
+def stale_text(log, column):
+    """What is said of readings that stand for several rows, where only those are used in which they are new.
 
     Parameters
     ----------
-    values : ndarray, shape (n,)
-        Of one signal of one log, in any unit.
+    log : Log
+        With ``stands`` in its `meta`.
+    column : callable
+        Variable to the column that holds it.
 
     Returns
     -------
-    int
-        1 where readings change with any row, or at no even distance as a coarse one does.
+    str
     """
-    apart = np.diff(np.flatnonzero(np.diff(values)))
-    apart = apart[apart <= _STANDS]
-    if apart.size < _CHANGES:
-        return 1
-    usual = int(np.bincount(apart).argmax())
-    even = usual > 1 and np.mean(apart == usual) > _MOSTLY and np.mean(apart % usual == 0) > _EVEN
-    return usual if even else 1
+    rows = log.meta["stands"]
+    if log.meta["whole"]:
+        return f"every row stands {max(rows.values())} times, of which one is used"
+    told = [f"{listed(column(n) for n in rows if rows[n] == k)} stand for {k} rows" for k in sorted({*rows.values()})]
+    return f"readings of {', those of '.join(told)}: only rows in which they are new are used"
 
 
 def rest(logs, moving):
