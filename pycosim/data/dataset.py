@@ -233,7 +233,7 @@ class Dataset:
         """Friction states at every sample, and their sensitivities.
 
         The segments' own states are at their sliding limit, the sign of the speed, which holds on moving samples; the
-        states of effects are followed along the log, from what the angles moved between samples.
+        states of effects are followed along the log, by what the smooth motion behind the angles moved between samples.
 
         Parameters
         ----------
@@ -260,7 +260,8 @@ class Dataset:
         states, sensitivities = np.zeros((len(question.states), len(self.time))), np.zeros(
             (len(free), len(question.states), len(self.time)))
         if followed and not self.averaged:
-            states, sensitivities = propagate(question, self.signals, self.time, parameters, self.run, free, followed)
+            along = {**self.signals, **self.motion.paths()}
+            states, sensitivities = propagate(question, along, self.time, parameters, self.run, free, followed)
         for k, name in enumerate(question.states):
             if name in own or self.averaged:
                 component = name.rsplit(".", 1)[0] if name in own else next(iter(model.segments))

@@ -141,6 +141,19 @@ class Motion:
             self._memo["passed on", angle, share] = derived
         return derived
 
+    def paths(self):
+        """The smooth motion behind the recorded angles: between samples they move by it, and not by an encoder's steps.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            Of the angles [rad] and positions [m] that are followed.
+        """
+        if "paths" not in self._memo:
+            self._memo["paths"] = {a: self.passed_on(a)(self.measured[a], self.measured.get(
+                speed_beside(a), self.measured[a]))[a] for a in self.followed}
+        return self._memo["paths"]
+
     def calm(self, angle, share):
         """An angle and its derivatives as they are with a part of the bandwidth: with much less noise, and less sharp.
 

@@ -95,6 +95,15 @@ def test_a_law_of_another_kind_is_no_viscosity_with_an_asymmetry_and_no_preload(
     assert (first, last, found) == ("unexplained", "unexplained", []), shown
 
 
+def test_a_travel_of_one_count_of_a_coarse_encoder_is_no_delay(tmp_path):
+    """A state that moves by the encoder's steps is off where the smooth motion behind them is not."""
+    data = Dataset(load_study(make("jitter:presliding:1.7:71000003", tmp_path, quick=True)), Library())
+    found = search.improve(data)
+    assert [s.added for s in found.steps[1:]] == [("presliding", "1A")], summary(found)
+    low, high = found.fit.interval("presliding_1A.travel")
+    assert low < 0.001471 < high and found.last.verdict == "nothing_missing", (low, high)
+
+
 def test_what_two_motors_do_alike_is_no_slow_noise(tmp_path):
     """Column by column either motor's saturation gained less than the best of so many by chance."""
     first, last, found, shown = hidden("noise_speed:torque_saturation:1.7:11000003", tmp_path)
