@@ -13,7 +13,6 @@ from ..compile import compile_model, places, ranked, shared_library
 from ..compile.contribution import effect_question
 from ..core.executors import aided, executor
 from ..data.sent import Sent
-from ..report import figures
 
 LARGEST = 200_000  # samples of a data set that is made a second time in the other process
 
@@ -118,18 +117,24 @@ class Beside:
     def _feed(self):
         for plot in _taken(self._waiting):
             try:
-                self.pool.submit(figures.save, *plot).result()
+                self.pool.submit(_save, *plot).result()
             except Exception:  # the process ended, or cannot draw it; this one will, or tell why not
                 self._failed.append(plot)
 
     def finish(self):
         """Draw what nobody has begun, and wait for the rest."""
         for plot in _taken(self._waiting):
-            figures.save(*plot)
+            _save(*plot)
         if self._two:
             self._feeder.join()
         for plot in self._failed:
-            figures.save(*plot)
+            _save(*plot)
+
+
+def _save(*plot):
+    """Draw a plot; nothing of that is imported where none is wanted."""
+    from ..report import figures
+    figures.save(*plot)
 
 
 def _received(sent):
