@@ -6,6 +6,7 @@ import sys
 
 from ..compile import compile_model
 from ..core.errors import DataError, PycosimError, closest
+from ..core.words import listed
 from ..data.proposal import RATED, Given, answered, propose, ratings, rig_of, sampled, with_rating
 from ..study.template import rigs
 from ..study.toml import to_toml
@@ -233,9 +234,9 @@ def _all_of(questions):
     if "time" in by:
         open_ones.append("the column of the time")
     if "column" in by:
-        open_ones.append(f"the columns of {_listed(q.about[0] for q in by['column'])}")
+        open_ones.append(f"the columns of {listed(q.about[0] for q in by['column'])}")
     if "unit" in by:
-        open_ones.append(f"the units of {_listed(repr(n) for q in by['unit'] for n in q.about)}")
+        open_ones.append(f"the units of {listed(repr(n) for q in by['unit'] for n in q.about)}")
     for q in by.get("k_m", []):
         open_ones.append(f"the torque constant of '{q.about[0]}'")
     for q in by.get("sign", []):
@@ -245,13 +246,8 @@ def _all_of(questions):
     typed = [*([f"--map {' '.join(maps)}"] if maps else []), *(o for o in options if not o.startswith("--map"))]
     plain = ", or --si where what states no unit is in SI units" if "unit" in by else ""
     none = "; --without VARIABLE where the log does not hold one" if "column" in by else ""
-    return (f"the log does not tell {_listed(open_ones)}; say it, with the columns and units of yours: "
+    return (f"the log does not tell {listed(open_ones)}; say it, with the columns and units of yours: "
             f"{' '.join(typed)}{plain}{none}")
-
-
-def _listed(texts):
-    *first, last = texts
-    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _asked(question, accept, terminal, otherwise=None):

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from ..core.words import listed
+
 _STANDS, _CHANGES, _MOSTLY, _EVEN = 16, 50, 0.5, 0.95
 """Rows for which a reading stands at most; changes that are needed, part of them as far apart as most, and part that
 are some multiple of that apart: a coarse reading changes now and then."""
@@ -67,6 +69,27 @@ def fresh(signals):
     if rows and new.sum() < _AGREE * len(new) / math.lcm(*rows.values()):
         return np.ones(len(new), dtype=bool), {}
     return new, rows
+
+
+def stale_text(log, column):
+    """What is said of readings that stand for several rows, where only those are used in which they are new.
+
+    Parameters
+    ----------
+    log : Log
+        With ``stands`` in its `meta`.
+    column : callable
+        Variable to the column that holds it.
+
+    Returns
+    -------
+    str
+    """
+    rows = log.meta["stands"]
+    if log.meta["whole"]:
+        return f"every row stands {max(rows.values())} times, of which one is used"
+    told = [f"{listed(column(n) for n in rows if rows[n] == k)} stand for {k} rows" for k in sorted({*rows.values()})]
+    return f"readings of {', those of '.join(told)}: only rows in which they are new are used"
 
 
 def _every(changes, k, count):

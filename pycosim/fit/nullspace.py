@@ -12,6 +12,8 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.special import stdtrit
 
+from ..core.words import listed
+
 MATCH = 1e-4  # relative agreement of coefficients with a simple function
 HARDLY = 0.95  # correlation beyond which two parameters are told as one
 FORMS = {
@@ -70,9 +72,9 @@ def null_directions(fit, owners=None):
         determined = [_combination(fit, names, row, owners or {}) for row in known]
         if determined:
             forms = "; ".join(_told(d) for d in determined)
-            text = f"{_listed(names)} only as {forms}"
+            text = f"{listed(names)} only as {forms}"
         else:
-            text = f"{_listed(names)}: these data say nothing about {'it' if len(names) == 1 else 'them'}"
+            text = f"{listed(names)}: these data say nothing about {'it' if len(names) == 1 else 'them'}"
         found += [{"text": text, "coefficients": dict(zip(names, map(float, row))), "determined": determined}
                   for row in null]
     return found
@@ -104,7 +106,7 @@ def weak_directions(fit):
             names = [fit.free[i], fit.free[j]]
             determined = _combination(fit, names, vectors[:, 0] / scale, {})
             weak = vectors[:, 1] * scale
-            found.append({"text": f"{_listed(names)} are hard to tell apart (correlation {correlation[i, j]:.3f}); "
+            found.append({"text": f"{listed(names)} are hard to tell apart (correlation {correlation[i, j]:.3f}); "
                                   f"together they are better known: {_told(determined)}",
                           "coefficients": dict(zip(names, map(float, weak / np.max(np.abs(weak))))),
                           "determined": [determined], "correlation": float(correlation[i, j])})
@@ -226,7 +228,3 @@ def _told(d):
     unit = "" if d["unit"] == "1" else f" {d['unit']}"
     value, low, high = (number(v, d["nominal"]) for v in (d["value"], *d["ci95"]))
     return f"{d['text']} = {value}{unit} (95 %: {low} to {high})"
-
-
-def _listed(names):
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

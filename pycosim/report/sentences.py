@@ -8,7 +8,8 @@ import math
 import numpy as np
 
 from ..compile import component_called
-from ..data.checks.sampling import stale_text
+from ..core.words import listed
+from ..data.stale import stale_text
 from ..diagnosis.compare import worded
 from ..diagnosis.decide import TOO_FEW
 from ..diagnosis.dependence import ALARM, RARE
@@ -125,28 +126,6 @@ def _bound(end):
     return f"at its {'lower' if end == 'min' else 'upper'} bound"
 
 
-def joined(names):
-    """Names as a sentence lists them.
-
-    Parameters
-    ----------
-    names : iterable of str
-        In the order that they are to be read.
-
-    Returns
-    -------
-    str
-        As ``a, b and c``.
-
-    Examples
-    --------
-    >>> joined(["a", "b", "c"])
-    'a, b and c'
-    """
-    names = list(names)
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
 def summary_data(dataset):
     """What was used of the logs.
 
@@ -208,7 +187,7 @@ def summary_doubt(dataset, fit):
              for c in dataset.channels if c in dataset.measured}
     if not share or np.mean(np.square(list(share.values()))) < 1.0:
         return []
-    return [f"Doubtful: the fitted model misses {joined(share)} by more than a constant would; check units, signs, "
+    return [f"Doubtful: the fitted model misses {listed(share)} by more than a constant would; check units, signs, "
             "zeros and the order of the columns before believing what follows."]
 
 
@@ -414,7 +393,7 @@ def _by_channel(result):
         verdicts.setdefault(told["verdict"], []).append(name)
     if len(verdicts) < 2:
         return []
-    return ["By channel: " + "; ".join(f"{v.replace('_', ' ')} in {joined(names)}" for v, names in verdicts.items())
+    return ["By channel: " + "; ".join(f"{v.replace('_', ' ')} in {listed(names)}" for v, names in verdicts.items())
             + "."]
 
 
@@ -471,7 +450,7 @@ def alternatives_text(best, experiment=True):
     """
     if not best["twins"]:
         return []
-    line = f"These data cannot tell it from {joined(_names(best['twins']))}"
+    line = f"These data cannot tell it from {listed(_names(best['twins']))}"
     if experiment and best["experiment"]:
         line += f"; to tell them apart, {best['experiment']}"
     return [line + "."]
@@ -497,12 +476,12 @@ def _unexplained(result, final):
         return [*contested, *certainty_of_unknown(result), _at_floor(result)]
     if passing := between_of(result):
         return [f"Something {'else ' if final else ''}is missing that is over within a few samples, so that these data "
-                f"do not show what: {joined(_names(passing))} would each lower the error. To see which, record faster.",
+                f"do not show what: {listed(_names(passing))} would each lower the error. To see which, record faster.",
                 *certainty_of_unknown(result), _at_floor(result)]
     depends = [f"{d['variable']} ({number(d['strength'])})" for d in result["residual_depends_on"][:3]
                if d["strength"] > 1e-3]
     line = f"Something {'else ' if final else ''}is missing that no effect of the library explains"
-    line += f"; what is left depends most on {joined(depends)}." if depends else "."
+    line += f"; what is left depends most on {listed(depends)}." if depends else "."
     by_run = bool(depends) and result["residual_depends_on"][0]["variable"] == "run"
     if by_run:
         line += (" It differs from run to run, as a zero, an offset or a payload does: add it, and give it a value of "
@@ -552,15 +531,15 @@ def of_no_motion(channels):
     lines, unseen = [], _off_where_held_out(channels)
     if unseen:
         own = {c: channels[c] for c in unseen}
-        off = joined([f"{c} {number(v['held_out_error'])} instead of {number(v['error'])}" for c, v in own.items()])
+        off = listed([f"{c} {number(v['held_out_error'])} instead of {number(v['error'])}" for c, v in own.items()])
         lines.append(f"Held-out passes are off by far more than the fitted ones ({off}): they move as the fitted ones "
                      "do not, or something changed before them. Fit more of the motion, or hold out other runs.")
     slow = [c for c, own in channels.items() if own.get("slow") and not _repeats(own) and c not in unseen]
     if slow:
-        lines.append(f"Most of what is left of {joined(slow)} is slower than noise and does not repeat: a reference "
+        lines.append(f"Most of what is left of {listed(slow)} is slower than noise and does not repeat: a reference "
                      "that drifts, or a loss that changes with time.")
     if beats := {c: own["beat"] for c, own in channels.items() if own.get("beat")}:
-        told = joined([f"{c} at {number(b['frequency'])} Hz ({100 * b['share']:.0f} % of the squared error)"
+        told = listed([f"{c} at {number(b['frequency'])} Hz ({100 * b['share']:.0f} % of the squared error)"
                        for c, b in beats.items()])
         lines.append(f"What is left keeps a beat all through the log, whatever the motion: {told}. Mains, a pump or a "
                      "fan do that, and no law of friction.")
@@ -610,12 +589,12 @@ def equals(best):
     str
         An end of a sentence.
     """
-    some = joined(_names([best, *best["twins"]]))
+    some = listed(_names([best, *best["twins"]]))
     if best.get("together"):
-        two = joined([" with ".join(_names(pair)) for pair in best["together"]])
+        two = listed([" with ".join(_names(pair)) for pair in best["together"]])
         if small := dict.fromkeys(_names(_small(best))):
             least = f"less than {100 * DOUBTED:g} %"
-            two += f", where {joined(small)} would be an error of {least} in the model of the load"
+            two += f", where {listed(small)} would be an error of {least} in the model of the load"
         one = f"any of {some}" if best["twins"] else some
         return f"two effects at once explain it no worse than one: {two}; the one is {one}"
     kinds = {c["effect"] for c in [best, *best["twins"]]}
@@ -656,7 +635,7 @@ def certainty_of_unknown(result):
                  f"that this was not fitted to, by more than {ALARM:g} standard errors or more than chance does in one "
                  f"log of {round(1 / RARE)}."]
     elif beating := [c for c, own in blamed.items() if own.get("beat")]:
-        lines = [f"Very likely: the beat in {joined(beating)} predicts parts of the log that its size and phase do not "
+        lines = [f"Very likely: the beat in {listed(beating)} predicts parts of the log that its size and phase do not "
                  "come from."]
     elif _off_where_held_out(blamed):
         lines = [f"Very likely: held-out passes are off by more than {UNSEEN:g} times what the fitted ones are."]
@@ -672,7 +651,7 @@ def _over_floor(channels):
               if own["floor"] and math.isfinite(own["floor"]) and own["error"] > own["floor"]}
     told = [f"{'that' if k else 'The error'} of {c} is {number(r)} times its noise floor "
             f"({100 * (1 - r ** -2):.0f} % of its energy is not noise)" for k, (c, r) in enumerate(ratios.items())]
-    return [f"{joined(told)}."] if told else []
+    return [f"{listed(told)}."] if told else []
 
 
 def _refusals(candidates):
@@ -689,7 +668,7 @@ def _refusals(candidates):
     reasons = {}
     for c in [c for c in candidates if c["p_value"] < LEVEL and c.get("refused")][:3]:
         reasons.setdefault(c["refused"], []).append(c)
-    return found + "".join(f" Significant, but {why}: {joined(_names(some))}." for why, some in reasons.items())
+    return found + "".join(f" Significant, but {why}: {listed(_names(some))}." for why, some in reasons.items())
 
 
 def _at_floor(result):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from ..compile import Place, component_name, find_effect
+from ..core.words import listed
 from ..diagnosis.decide import FEW
 from ..diagnosis.scores import LEVEL
 from ..fit.nullspace import number
@@ -134,12 +135,12 @@ class Verdict:
         if contested := sentences.contested_of(told):
             return [f"{_capital(sentences.equals(contested))}."]
         if passing := sentences.between_of(told):
-            names = sentences.joined([_named(c["effect"], c["place"]) for c in passing])
+            names = listed([_named(c["effect"], c["place"]) for c in passing])
             return [f"These data do not show what: {names} would each lower the error."]
         depends = [f"{sentences.worded(d['variable'])} ({100 * d['strength']:.0f} % of its energy)"
                    for d in told["residual_depends_on"] if d["strength"] > 0][:2]
         lines = sentences.of_no_motion(told["channels"])
-        lines += [f"What is left depends most on {sentences.joined(depends)}."] if depends else []
+        lines += [f"What is left depends most on {listed(depends)}."] if depends else []
         left = told.get("unexplained")
         return lines + [left[key]["text"] for key in ("proposal", "free") if left and left.get(key)]
 
@@ -207,7 +208,7 @@ class Verdict:
         for step in self.added:
             twins = self._alternatives(step)
             if twins:
-                names = sentences.joined([_named(t["effect"], t["place"]) for t in twins])
+                names = listed([_named(t["effect"], t["place"]) for t in twins])
                 lines.append(f"These data cannot tell {_named(*step.added)} from {names}.")
         if self.added and not lines:
             lines.append("Nothing else in the library explains these data as well.")
@@ -263,7 +264,7 @@ class Verdict:
             twins = self._alternatives(step)
             text = cards.experiment(self.library, step.finding, 1) if twins else ""
             if text:
-                names = sentences.joined([_named(t["effect"], t["place"]) for t in twins])
+                names = listed([_named(t["effect"], t["place"]) for t in twins])
                 found.append(f"{_capital(text)}: that tells {_named(*step.added)} from {names}.")
         contested = sentences.contested_of(self.last)
         if contested and contested["experiment"]:
@@ -278,7 +279,7 @@ class Verdict:
             beats = [c for c, own in self.last["channels"].items() if own.get("beat")]
             depends = next((d["variable"] for d in self.last["residual_depends_on"] if d["strength"] > 0), None)
             if beats:
-                found.append(f"Record {sentences.joined(beats)} while nothing moves, once with the drives on and once "
+                found.append(f"Record {listed(beats)} while nothing moves, once with the drives on and once "
                              "with them off: what beats then comes from elsewhere, and its source can be found.")
             elif depends:
                 found.append(f"Repeat the same passes at several values of {sentences.worded(depends)}, all else "
@@ -296,7 +297,7 @@ class Verdict:
                 groups.setdefault(e["experiment"], {}).setdefault(e["effect"], []).append(e["place"])
         ranked = sorted(groups.items(), key=lambda g: -len(g[1]))
         return [f"{_capital(text)}: that shows "
-                f"{sentences.joined([e.replace('_', ' ') for e in effects])}, invisible so far."
+                f"{listed([e.replace('_', ' ') for e in effects])}, invisible so far."
                 for text, effects in ranked]
 
 

@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...core.words import listed
 from .asking import asked
-from .changes import Columns, listed
+from .changes import Columns
 from .clipped import clipped
 from .finding import DISCRETE, FACTS, KINDS, Checked, Finding, joined, ordered
 from .limits import limits

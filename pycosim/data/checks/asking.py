@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .changes import listed
+from ...core.words import listed
 from .finding import Finding, column_line, scaled
 
 _LIKELY = 0.6, 1.7

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from ...core import units
+from ...core.words import listed
 from ...study.schema import known_unit
 from .finding import column_line, scaled
 from .readings import Source
@@ -356,22 +357,6 @@ def _geared(columns, variables, ratios):
                 "unit", {v: Source(v, factor) for v in variables}, [("scale", v, factor) for v in variables],
                 f"{names} {'are' if len(variables) > 1 else 'is'} measured {side} the gear, {name} = {ratio:g}", 1.0))
     return found
-
-
-def listed(names):
-    """Names as a list in words.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Each as it is to be read.
-
-    Returns
-    -------
-    str
-    """
-    names = list(names)
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def snapped(columns, group, variable, factor):

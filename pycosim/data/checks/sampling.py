@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.units import UNITS
+from ...core.words import listed
 from ...study.schema import Column
-from ..stale import stands
-from .changes import listed
+from ..stale import stale_text, stands
 from .finding import Finding, column_line
 
 _SLOWEST = 0.2
@@ -69,27 +69,6 @@ def _stale(logs, step, columns):
     return text + "".join(
         f"; readings of {listed(columns.of(n) for n in rows if rows[n] == k)} stand for {k} rows, and are "
         f"{(k - 1) / 2 * step:.3g} s old on average" for k in sorted({*rows.values()} - {1}))
-
-
-def stale_text(log, column):
-    """What is said of readings that stand for several rows, where only those are used in which they are new.
-
-    Parameters
-    ----------
-    log : Log
-        With ``stands`` in its `meta`.
-    column : callable
-        Variable to the column that holds it.
-
-    Returns
-    -------
-    str
-    """
-    rows = log.meta["stands"]
-    if log.meta["whole"]:
-        return f"every row stands {max(rows.values())} times, of which one is used"
-    told = [f"{listed(column(n) for n in rows if rows[n] == k)} stand for {k} rows" for k in sorted({*rows.values()})]
-    return f"readings of {', those of '.join(told)}: only rows in which they are new are used"
 
 
 def rest(logs, moving):

@@ -14,9 +14,10 @@ from functools import cached_property
 
 import numpy as np
 
+from ...core.words import listed
 from ...study.schema import known_unit
 from .asking import weight
-from .changes import Columns, in_unit, listed, roles, signs_and_swaps, snapped, unit_changes
+from .changes import Columns, in_unit, roles, signs_and_swaps, snapped, unit_changes
 from .finding import Finding
 from .readings import Source, with_change
 from .relations import RateRelation

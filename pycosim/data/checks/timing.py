@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import kendalltau, theilslopes
 
-from .changes import listed
+from ...core.words import listed
 from .finding import QUESTION, Finding, column_line
 from .inside import Inside, falls, latest
 from .readings import Source, with_change
