@@ -229,7 +229,7 @@ class Dataset:
         values = ArrayFunction(chosen.output)(arguments, len(self.time))
         return dict(zip(names, values))
 
-    def states(self, model, parameters, free=()):
+    def states(self, model, parameters, free=(), path=slice(None)):
         """Friction states at every sample, and their sensitivities.
 
         The segments' own states are at their sliding limit, the sign of the speed, which holds on moving samples; the
@@ -243,29 +243,32 @@ class Dataset:
             All of the model's, SI units.
         free : sequence of str
             Parameters whose sensitivities are wanted.
+        path : slice or ndarray of int, optional
+            The samples by which they are followed; all by default. See `path`.
 
         Returns
         -------
-        states : ndarray, shape (number of states, n)
-        sensitivities : ndarray, shape (len(free), number of states, n)
+        states : ndarray, shape (number of states, samples of the path)
+        sensitivities : ndarray, shape (len(free), number of states, samples of the path)
 
         Raises
         ------
         ModelicaError
             A state of an effect is coupled to another, or its rate is not made of one or two straight pieces.
         """
-        question = self.ask(model)
+        question, time = self.ask(model), self.time[path]
         own = [f"{c}.z" for c in model.segments]
         followed = [s for s in question.states if s not in own]
-        states, sensitivities = np.zeros((len(question.states), len(self.time))), np.zeros(
-            (len(free), len(question.states), len(self.time)))
         if followed and not self.averaged:
-            along = {**self.signals, **self.motion.paths()}
-            states, sensitivities = propagate(question, along, self.time, parameters, self.run, free, followed)
+            along = {n: v[path] for n, v in {**self.signals, **self.motion.paths()}.items()}
+            states, sensitivities = propagate(question, along, time, parameters, self.run[path], free, followed)
+        else:
+            states = np.zeros((len(question.states), len(time)))
+            sensitivities = np.zeros((len(free), *states.shape))
         for k, name in enumerate(question.states):
             if name in own or self.averaged:
                 component = name.rsplit(".", 1)[0] if name in own else next(iter(model.segments))
-                states[k] = np.sign(self.speeds[list(model.segments).index(component)])
+                states[k] = np.sign(self.speeds[list(model.segments).index(component)][path])
                 sensitivities[:, k] = 0.0
         return states, sensitivities
 
@@ -595,7 +598,7 @@ class Dataset:
         other._views, other.early = {}, early
         return other
 
-    def path(self, part, thin):
+    def path(self, part, thin, most=None):
         """Samples by which friction states are followed when a part is thinned.
 
         Parameters
@@ -604,6 +607,8 @@ class Dataset:
             ``"fit"``, ``"test"``, ``"all"``, or numbers of blocks.
         thin : int
             Of the part's samples, and of the others, every so many.
+        most : int, optional
+            Samples from one to the next at most.
 
         Returns
         -------
@@ -616,6 +621,8 @@ class Dataset:
         for index in (view.i, view.j0, view.j1) if self.paired else (view,):
             wanted[index[::thin]], rest[index] = True, False
         wanted[np.flatnonzero(rest)[::thin]] = True
+        if most is not None and thin > most:
+            wanted[::most] = True
         wanted[np.r_[0, np.flatnonzero(np.diff(self.run)) + 1]] = True  # where a log starts
         return np.flatnonzero(wanted)
 
@@ -656,7 +663,7 @@ class Dataset:
         measured = (np.zeros((len(self.outputs), len(index))) if self.paired
                     else np.array([self.reference(c)[index] for c in self.outputs]))
         signals = self.signals if signals is None else signals
-        terms = evaluated(self, model, picks, signals)
+        terms = evaluated(self, model, part, signals)
         return Residuals(question, self.outputs, measured, terms, free, parameters,
                          self.time[index], self.passes[index], self.block[index], self.channels,
                          not (self.paired or self.averaged),

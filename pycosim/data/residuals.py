@@ -16,6 +16,7 @@ from .noise import chained
 from .torques import of_load
 
 _CHUNK = 8192
+_STRIDE = 4  # samples at a time at most, by which friction states are followed where samples are thinned
 
 
 @dataclass
@@ -365,7 +366,7 @@ def held(dataset, question, index):
                 np.array([of_load(dataset, c) for c in lags]), dataset.time, dataset.run, index)
 
 
-def evaluated(dataset, model, picks, signals):
+def evaluated(dataset, model, part, signals):
     """What a residual is made of, as a function of the parameters.
 
     Parameters
@@ -374,37 +375,46 @@ def evaluated(dataset, model, picks, signals):
         Its logs are what is compared.
     model : Model
         With whatever effects are attached.
-    picks : list of (float, ndarray of int, callable)
-        As `Dataset.picks` gives them.
+    part : str or ndarray of int
+        As for `Dataset.choose`.
     signals : dict of str to ndarray, shape (n,)
         That the model is given, as recorded.
 
     Returns
     -------
     callable
-        ``terms(parameters, free, thin=1) -> list of Term``, of every so many-th sample.
+        ``terms(parameters, free, thin=1) -> list of Term``, of every so many-th sample, by which friction states are
+        followed too.
     """
-    question = dataset.ask(model)
+    question, picks = dataset.ask(model), dataset.picks(part)
     cached, stateful, read = {}, dependent_parameters(question), _read(dataset, question)
     still = {n: v for n, v in signals.items() if n in read and n not in question.late}
-    at, taken = {}, {}
+    at, taken, paths = {}, {}, {}
 
     def terms(values, with_respect_to, thin=1):
         key = (tuple(values[n] for n in stateful), tuple(with_respect_to), thin)
         if key not in cached:
-            states, sensitivities = dataset.states(model, values, with_respect_to)
             cached.clear()
             if thin not in taken:
                 at[thin] = slice(None) if dataset.paired else picks[0][1][::thin]
                 taken[thin] = [{n: _at(take, v, thin) for n, v in still.items()} for _, _, take in picks]
+                paths[thin] = _path(dataset, part, at[thin], thin)
+            path, inside = paths[thin]
+            states, sensitivities = dataset.states(model, values, with_respect_to, path)
             moved = dataset.moved(question, values, signals, at[thin])
             cached[key] = [Term(weight, {**given, **(
                 {n: _at(take, v, thin) for n, v in moved.items()} if dataset.paired else moved)},
-                _at(take, states, thin), _at(take, sensitivities, thin))
+                *(_at(take, v, thin) if dataset.paired else v[..., inside] for v in (states, sensitivities)))
                 for (weight, _, take), given in zip(picks, taken[thin])]
         return cached[key]
 
     return terms
+
+
+def _path(dataset, part, wanted, thin):
+    """The samples by which states are followed, and where in them those are that are wanted; of pairs, all."""
+    path = slice(None) if dataset.paired else dataset.path(part, thin, _STRIDE)
+    return path, wanted if isinstance(path, slice) else np.searchsorted(path, wanted)
 
 
 def _at(take, value, thin):

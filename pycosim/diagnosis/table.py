@@ -25,7 +25,7 @@ from ..dynamics.filters import first_order
 from ..dynamics.states import propagate
 
 _LIMIT = 300e6  # bytes of columns held at once; more samples are thinned
-_ENOUGH = 20000  # samples to test by; longer logs are thinned, the noise of the residual averaged ..
+_ENOUGH = 12000  # samples to test by; longer logs are thinned, the noise of the residual averaged ..
 _SHORT = 0.05  # .. over at most so many seconds
 
 

@@ -38,7 +38,7 @@ than half a sample took something there, or gave back 0.03; two of half a sample
 WORTH = 0.5
 """Of what the best candidate takes, from which a memory of friction is refitted at its other places. A hysteresis of
 two stages took 0.8 of it at one of them."""
-TRIAL = 15000  # samples of a trial fit; the accepted effect is fitted to all
+TRIAL = 8000  # samples of a trial fit; the accepted effect is fitted to all
 GLANCE, SAME = 4000, 1e-4
 """Samples on which another start is tried first, and the part of what is left there that it must take to be another
 valley: of 46 such starts of the ball screw EMPS two were."""

@@ -12,7 +12,7 @@ FIRST, LEAST = 1e-3, 1e-12  # damping at the start, and at least
 TAKEN = 1e-3  # of the fall that the moments promise, from which on a step is taken
 
 
-def solve(gram, x, free, low, high, evaluations):
+def solve(gram, x, free, low, high, evaluations, enough=ENOUGH):
     """Damped Gauss-Newton steps, each the best within the bounds by the moments at hand.
 
     Parameters
@@ -27,6 +27,8 @@ def solve(gram, x, free, low, high, evaluations):
         Bounds, in the units of the parameters.
     evaluations : int
         Moments that are asked for at most.
+    enough : float
+        Part of the squares by which a step must lower them for another to be worth its while.
 
     Returns
     -------
@@ -60,7 +62,7 @@ def solve(gram, x, free, low, high, evaluations):
         units = np.maximum(units, np.diag(a))
         there = np.clip(x + bounded(a + damping * np.diag(units), b, low - x, high - x)[1], low, high)
         promised = 2 * (there - x) @ b - (there - x) @ a @ (there - x)
-        if promised < ENOUGH * squares:
+        if promised < enough * squares:
             break
         after = gram(there)
         kept = (squares - after[-1, -1]) / promised if np.isfinite(after).all() else -np.inf
@@ -69,7 +71,7 @@ def solve(gram, x, free, low, high, evaluations):
             continue
         x, g = there, after
         damping, growth = max(damping * max(0.1, 1 - (2 * kept - 1) ** 3), LEAST), 2.0
-        if kept * promised < ENOUGH * squares:
+        if kept * promised < enough * squares:
             break
     return x
 

@@ -19,7 +19,7 @@ from .bounded import bounded
 REACH = 40  # samples either way that a delay is looked for within its bounds, where nothing is known of it
 NEAR = 6  # samples either way of where it is known to be
 END = 0.05  # of the bounds' range, at either end, where the likelihood of what is no delay still grows
-MOST = 15000  # samples that delays are tried on
+MOST = 8000  # samples that delays are tried on
 PRESSED = 3.84  # fall of twice the log-likelihood at the ends of a 95 % interval
 RULED = 6.0  # standard errors beyond which a delay is ruled out
 PART = 0.1  # of all squares, which no ruggedness is: far from the least one sample more changes them by many times that

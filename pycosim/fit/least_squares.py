@@ -21,9 +21,10 @@ from ..data.residuals import huber
 from ..data.scatter import weights as channel_weights
 from . import late
 from .bounded import NULL, bounded
-from .damped import listed, solve
+from .damped import ENOUGH, listed, solve
 from .moments import Moments
 
+NEAR = 1e-5  # of the squares of a few thousand samples, below which a step is left to those of all: noise tells no more
 MARGIN = 1e-6  # of the nominal value, that a fit keeps from its bounds: there derivatives are two-sided
 
 
@@ -443,7 +444,8 @@ def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial)
             thin = max(1, problem.n // 4000)
             few = [problem.thin(thin)] if thin > 1 else []
             for part in few if trial and few else [*few, problem]:
-                x = _solve(lambda z: part.gram(z, weights, robust), x, free, variables, 60)
+                x = _solve(lambda z: part.gram(z, weights, robust), x, free, variables, 60,
+                           ENOUGH if part is problem else NEAR)
             return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights, robust), x, free, variables, 4), None
         x = _solve(lambda z: moments.gram(z, weights), x, free, variables, 60)
         x = _instrumented(lambda z: moments.gram(z, weights, True), x, free, variables, 8)
@@ -491,13 +493,13 @@ def _inside(value, variable):
     return min(max(value, variable.min + margin), variable.max - margin)
 
 
-def _solve(gram, x, free, variables, evaluations):
+def _solve(gram, x, free, variables, evaluations, enough=ENOUGH):
     """Least squares from the moments [J r]'[J r] alone, a margin inside the bounds."""
     if not free:
         return x
     margin = MARGIN * np.array([variables[n].nominal for n in free])
     low, high = (np.array([getattr(variables[n], b) for n in free]) for b in ("min", "max"))
-    return solve(gram, x, free, low + margin, high - margin, evaluations)
+    return solve(gram, x, free, low + margin, high - margin, evaluations, enough)
 
 
 def result(problem, slope, residual, gram, x, free, variables, weights, noise, robust=False):
