@@ -41,11 +41,14 @@ class Ripples:
         Those that the candidates number, the first with the number that was asked for.
     chance : ndarray, shape (draws,)
         Largest minus logarithm of a single p-value that each draw of signs gives, over all places.
+    tried : int
+        Numbers of cycles of all places.
     """
 
     candidates: list
     columns: list
     chance: np.ndarray
+    tried: int = 0
 
 
 def ripples(table, noise, draws, rng, first=0):
@@ -78,6 +81,7 @@ def ripples(table, noise, draws, rng, first=0):
         cycles = _cycles(table, contribution, place)
         if not len(cycles):
             continue
+        found.tried += len(cycles)
         surprise, chance = _scan(table, scores, contribution, place, cycles, signs)
         found.chance = np.maximum(found.chance, chance)
         for peak in _peaks(cycles, surprise):

@@ -389,6 +389,30 @@ def test_what_is_late_leaves_less_at_its_own_time(monkeypatch):
         assert [f.kind for f in trial._late()] == (["shift"] if told else [])
 
 
+def test_nothing_is_late_where_neighbours_share_no_error(monkeypatch):
+    """A channel that leaves nothing but noise fell by no factor, and the largest of none was asked for."""
+    trial = timing.Timing.__new__(timing.Timing)
+    trial.every = trial.sources = trial.relations = trial.holds = None
+    trial.group = {"angles": []}
+    monkeypatch.setattr(trial, "candidates", list, raising=False)
+    monkeypatch.setattr(timing, "latest", lambda *given: (inside.Late(("force",), 0.08, 1e-9, {}, {}), 0.98))
+    assert trial._late() == []
+
+
+def test_one_stretch_is_no_proof_of_a_shift():
+    """Of 28 stretches one had a ramp inside, and gave 0.96 of the answer: what it leaves of its own pull is nothing."""
+    rng, weight = np.random.default_rng(5), np.r_[np.full(27, 30.0), 22441.0]
+    spread, independent = inside._scatter(np.r_[rng.normal(0.0, 3.0, 27), -24.0], weight)
+    assert independent < 1.1 and spread > 5 * 24.0 / weight.sum()
+    chances = []
+    for _ in range(400):  # and where all tell alike, chances are flat
+        weight, pull = rng.uniform(0.5, 2.0, 14), rng.normal(0.0, 1.0, 14)
+        shift = -pull.sum() / weight.sum()
+        spread, independent = inside._scatter(pull + shift * weight, weight)
+        chances.append(inside.student.sf(abs(shift) / spread, independent - 1))
+    assert 0.02 < np.mean(np.array(chances) < 0.05) < 0.16  # of one side; both count, and 0.1 is expected
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("case", "told"), [
     ("mistake:clock:1:55000004", True),  # a slow stretch, which hardly says how late it is, was out of order

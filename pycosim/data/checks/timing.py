@@ -315,7 +315,7 @@ class Timing:
         if found is None or sure < _ASKED:
             return []
         factors = falls(found.before, found.after)
-        if max(factors) < _FALLS or math.prod(factors) <= 1.0:
+        if max(factors, default=0.0) < _FALLS or math.prod(factors) <= 1.0:  # where neighbours share nothing, none is
             return []
         told = [c for c, e in found.before.items() if not 0.99 * e < found.after[c] < 1.01 * e]
         before, after = ({c: errors[c] for c in told} for errors in (found.before, found.after))
