@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
 
 from ..compile import ArrayFunction
-from ..dynamics.filters import first_order
 from ..dynamics.states import dependent_parameters
 from .noise import chained
-from .torques import of_load
+from .torques import held_of_load
 
 _CHUNK = 8192
 _STRIDE = 4  # samples at a time at most, by which friction states are followed where samples are thinned
@@ -44,18 +43,14 @@ class Held:
     ----------
     lags : dict of int to str
         Channels, and the question's output that is the time constant of the filter.
-    smooth : ndarray, shape (lags, m)
-        What the motion predicts of them at all samples of the logs.
-    time, run : ndarray, shape (m,)
-        Of all samples.
+    back : list of callable
+        Time constant [s] to what such a filter holds back of a channel, and the derivative by it, at all samples.
     where : ndarray of int, shape (n,)
         The samples of the residual among those.
     """
 
     lags: dict
-    smooth: np.ndarray
-    time: np.ndarray
-    run: np.ndarray
+    back: list
     where: np.ndarray
 
     def behind(self, times):
@@ -71,11 +66,8 @@ class Held:
         list of (int, ndarray of shape (n,), ndarray of shape (n,))
             Channel, difference, and its derivative.
         """
-        found = []
-        for channel, values, lag in zip(self.lags, self.smooth, times):
-            (filtered,), (by_lag,) = first_order(values[None], lag, self.time, self.run)
-            found.append((channel, (values - filtered)[self.where], -by_lag[self.where]))
-        return found
+        return [(channel, *(v[self.where] for v in back(max(lag, 0.0))))
+                for channel, back, lag in zip(self.lags, self.back, times)]
 
 
 class Residuals:
@@ -363,7 +355,7 @@ def held(dataset, question, index):
     if not lags:
         return None
     return Held({dataset.outputs.index(c): n for c, n in lags.items()},
-                np.array([of_load(dataset, c) for c in lags]), dataset.time, dataset.run, index)
+                [partial(held_of_load, dataset, c) for c in lags], index)
 
 
 def evaluated(dataset, model, part, signals):

@@ -251,7 +251,30 @@ def unsettled(dataset, lag):
     return found
 
 
-class _Start:
+class _Nodes:
+    """What a filter of first order holds back of a record, worked out at some time constants and straight between them.
+    """
+
+    def __init__(self, dataset):
+        self.dataset, self.nodes = dataset, {}
+
+    def held(self, lag):
+        """What a filter holds back, and its slope by the time constant."""
+        k = math.floor(math.log(max(lag, LEAST) / LEAST) / math.log(NODE))
+        low, high = LEAST * NODE ** k if lag > LEAST else 0.0, LEAST * NODE ** (k + 1)
+        one, two = self._node(low), self._node(high)
+        slope = (two - one) / (high - low)
+        return one + max(lag - low, 0.0) * slope, slope
+
+    def _node(self, lag):
+        if lag not in self.nodes:
+            while len(self.nodes) >= KEPT:  # of a long log each is as large as a signal
+                del self.nodes[next(iter(self.nodes))]
+            self.nodes[lag] = self._made(lag) if lag else np.zeros(len(self.dataset.time))
+        return self.nodes[lag]
+
+
+class _Start(_Nodes):
     """What the motion predicts of a torque from samples at which a filter has caught up, from one turn to the next.
 
     A sample below the least speed that goes the way of its neighbour is as that, but for what friction builds up over a
@@ -260,7 +283,8 @@ class _Start:
     """
 
     def __init__(self, dataset, values):
-        self.dataset, self.values, self.nodes = dataset, values, {}
+        super().__init__(dataset)
+        self.values = values
         starts = np.append(True, (np.diff(dataset.passes) != 0) | (np.diff(dataset.run) != 0))
         since = dataset.time - dataset.time[np.maximum.accumulate(np.where(starts, np.arange(len(values)), 0))]
         self.trusted = dataset.moving & (since > JUMP)
@@ -287,23 +311,11 @@ class _Start:
                 found[part] = found[part[0] - 1] + share * (found[part] - found[part[0] - 1])
         return found
 
-    def held(self, lag):
-        """What a filter holds back, and its slope by the time constant, straight between nodes of that."""
-        k = math.floor(math.log(max(lag, LEAST) / LEAST) / math.log(NODE))
-        low, high = LEAST * NODE ** k if lag > LEAST else 0.0, LEAST * NODE ** (k + 1)
-        one, two = self._node(low), self._node(high)
-        slope = (two - one) / (high - low)
-        return one + max(lag - low, 0.0) * slope, slope
-
-    def _node(self, lag):
+    def _made(self, lag):
         """What a filter holds back of what the motion predicts; of the record itself that is late as well."""
         def held(torque):
             return torque - first_order(torque[None], lag, self.dataset.time, self.dataset.run)[0][0]
-        if lag not in self.nodes:
-            while len(self.nodes) >= KEPT:  # of a long log each is as large as a signal
-                del self.nodes[next(iter(self.nodes))]
-            self.nodes[lag] = held(self.settled(self.values + held(self.torque))) if lag else np.zeros(len(self.values))
-        return self.nodes[lag]
+        return held(self.settled(self.values + held(self.torque)))
 
     def _shares(self, times):
         """How much of the jump at each start has come, after a travel that is so many times the model's own."""
@@ -452,15 +464,63 @@ def of_load(dataset, channel):
     """
     def make():
         found = np.array(dataset.reference(channel), dtype=float)
-        rates = [v for n, v in dataset.signals.items() if n.startswith("der(")]
-        for part in (np.flatnonzero(dataset.run == k) for k in np.unique(dataset.run)):
-            x = dataset.config[:, part]
-            x = 2 * (x - x.min(1, keepdims=True)) / np.maximum(np.ptp(x, axis=1, keepdims=True), 1e-9) - 1
-            own = [v[part] / max(np.std(v[part]), 1e-300) for v in rates]
-            rows = [np.prod(x ** np.array(e)[:, None], axis=0)
-                    for e in itertools.product(range(SMOOTH + 1), repeat=len(x)) if sum(e) <= SMOOTH]
-            rows = np.array([*rows, *own, *(a * b for a, b in itertools.combinations_with_replacement(own, 2))])
-            found[part] = np.linalg.lstsq(rows @ rows.T, rows @ found[part], rcond=1e-10)[0] @ rows
+        for part, rows in _of_motion(dataset):
+            found[part] = _told(rows, found[part]) @ rows
         return found
 
     return dataset.memo(("torques.of_load", channel), make)
+
+
+def held_of_load(dataset, channel, lag):
+    """What a filter of first order holds back of a measured channel that is a function of the motion.
+
+    The record is behind that function: it is compared with what the filter makes of each of the motion's terms.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Arranged: its passes and moving samples are known.
+    channel : str
+        Output of the question that was measured.
+    lag : float
+        Time constant of the filter [s].
+
+    Returns
+    -------
+    behind, by_lag : ndarray, shape (n,)
+        In the channel's unit, and in that a second.
+    """
+    return dataset.memo(("torques.load", channel), lambda: _Load(dataset, channel)).held(lag)
+
+
+class _Load(_Nodes):
+    """What a filter holds back of a channel that the motion alone predicts."""
+
+    def __init__(self, dataset, channel):
+        super().__init__(dataset)
+        self.channel = channel
+
+    def _made(self, lag):
+        found = np.array(self.dataset.reference(self.channel), dtype=float)
+        for part, rows in _of_motion(self.dataset):
+            time, run = self.dataset.time[part], np.zeros(len(part))
+            filtered = np.array([first_order(row[None], lag, time, run)[0][0] for row in rows])
+            found[part] = _told(filtered, found[part]) @ (rows - filtered)
+        return found
+
+
+def _of_motion(dataset):
+    """Samples of each log, and the terms of the motion there of which a load is made, one a row."""
+    rates = [v for n, v in dataset.signals.items() if n.startswith("der(")]
+    for part in (np.flatnonzero(dataset.run == k) for k in np.unique(dataset.run)):
+        x = dataset.config[:, part]
+        x = 2 * (x - x.min(1, keepdims=True)) / np.maximum(np.ptp(x, axis=1, keepdims=True), 1e-9) - 1
+        own = [v[part] / max(np.std(v[part]), 1e-300) for v in rates]
+        rows = [np.prod(x ** np.array(e)[:, None], axis=0)
+                for e in itertools.product(range(SMOOTH + 1), repeat=len(x)) if sum(e) <= SMOOTH]
+        yield part, np.array([*rows, *own, *(a * b for a, b in itertools.combinations_with_replacement(own, 2))])
+
+
+def _told(rows, values):
+    """Coefficients of rows that leave least of values."""
+    return np.linalg.lstsq(rows @ rows.T, rows @ values, rcond=1e-10)[0]

@@ -366,3 +366,43 @@ def test_the_interval_of_a_delay_that_jumps_tell_holds_where_in_a_sample_they_li
     low, high = fit.interval("time_delay_force.d")
     true = {60003: 0.004883, 60011: 0.004648, 60027: 0.003896}[seed]
     assert 0 < low < true < high < true + 0.003
+
+
+def test_a_slow_reference_of_sudden_moves_is_no_inertia(tmp_path):
+    """Accelerations were told by the record, which shows them held back: 0.116 s for 0.08, and an inertia beside it."""
+    rng, time, speed = np.random.default_rng(3), np.arange(0, 60, 0.01), np.zeros(6000)
+    for begin in np.arange(50, 5900, 120):
+        speed[begin:begin + 60] = rng.uniform(30, 60) * (1 if begin // 120 % 2 else -1)
+    speed = np.convolve(speed, np.hanning(17) / np.hanning(17).sum(), "same")
+    phi = 10.0 + cumulative_trapezoid(speed, time, initial=0)
+    model, free = compile_model(Library(), RIG), {"gear.f0": 0.02, "gear.mu": 1.0, "load.J": 0.4}
+    values = {n: v.value for n, v in model.parameters.items()} | free
+    q, acceleration = phi / 50, np.gradient(speed, time) / 50
+    load = 4.0 * 9.80665 * 0.3 * np.sin(q) + (0.4 + 4.0 * 0.3**2) * acceleration
+    at = [estimate(model, {"motor.phi": phi, "motor.tau": np.full(6000, torque)}, time, values)["C"]
+          for torque in (0.0, 1.0)]
+    recorded = first_order(load[None], 0.08, time, np.zeros(6000))[0][0]
+    pd.DataFrame({"time": time, "phi": phi, "C": recorded + 0.02 * rng.standard_normal(6000),
+                  "tau": (load - at[0]) / (at[1] - at[0])}).to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "study.toml").write_text(f"""
+[rig]
+model = "{RIG}"
+[parameters]
+"gear.f0" = {{ value = 0.01, fixed = false }}
+"gear.mu" = {{ value = 0.95, fixed = false }}
+"load.J" = {{ value = 0.4, fixed = true }}
+[data]
+runs = ["log.csv"]
+reference = "sensor"
+[columns]
+phi = {{ variable = "motor.phi", unit = "rad" }}
+tau = {{ variable = "motor.tau", unit = "N.m" }}
+C = {{ variable = "C", unit = "N.m" }}
+[[effects]]
+effect = "reference_lag"
+place = "joint"
+""")
+    data = Dataset(load_study(tmp_path / "study.toml"), Library())
+    found = least_squares.fit(data, data.base)
+    assert found.parameters["reference_lag_joint.T"] == pytest.approx(0.08, rel=0.02)
+    assert found.error["C"] < 0.06
