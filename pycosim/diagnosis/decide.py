@@ -12,7 +12,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..compile import compile_model, component_name, corrections
+from ..compile import compile_model, component_name, corrections, find_effect
+from ..compile.contribution import effect_question
 from ..core.errors import PycosimError
 from ..fit import least_squares
 from ..fit.late import endless
@@ -29,7 +30,7 @@ from .rhythm import rhythms
 from .rivals import SURELY, behind, by_kind, plainly_better, too_many, twins
 from .scores import LEVEL, Scores
 from .table import Table
-from .trials import BETWEEN, HALF, as_findings, fit_to_all, pressed, refit_best, turned
+from .trials import BETWEEN, HALF, OWN, as_findings, fit_to_all, pressed, refit_best, turned
 
 TOO_FEW = "there are too few passes to see whether it predicts one that it was not fitted to"
 NOTHING = "its interval holds zero, so that something else is at work"
@@ -99,6 +100,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     base = select(dataset, model, fit, scores.single)
     rivals = refit_best(dataset, model, fit, scores, findings, base, table, say)
     _refuse_as_lesser(whole, model, fit, base, rivals)
+    _refuse_as_own(dataset, rivals)
     told = dependence(dataset, model, fit, seed)
     depends, alarm = told.variables, told.sure
 
@@ -361,6 +363,20 @@ def _refuse_as_lesser(dataset, model, fit, base, rivals):
         whole = float((part * shares).max())
         if f.refused is None and f.p_value < LEVEL and shares.max() < BESIDE and whole < WHOLE:
             f.refused = f"too small beside the other effects: {_percent(whole)} of the squared error without any"
+
+
+def _refuse_as_own(dataset, rivals):
+    """Refuse what acts after turns and predicts less than a travel that may be the machine's own, for which it stands.
+
+    The rig's is a guess. Of two logs with nothing else hidden after turns, whose machines had a third and a half of it,
+    one had a filter for it, and one a lag of friction.
+    """
+    own, library = [f for f in rivals if f.refused == OWN], dataset.library
+    for f in (f for f in rivals if f.refused is None):
+        effect = find_effect(library, f.effect)
+        if (effect.channel or effect_question(library, effect).states) and any(
+                _predicts_less(f.selection, o.selection) for o in own):
+            f.refused = OWN
 
 
 def _percent(share):

@@ -624,8 +624,12 @@ def told_from_nothing(dataset, model, finding, smaller, without, attached=None):
     if any(f"{base}.{n}" in finding.fit.profiles for n in finding.sizes):
         return finding.fit
 
+    here = dataset.settled(model, finding.fit.parameters)
+    if here is not dataset:  # what lies where a filter is not known lowers no noise that was found elsewhere
+        without = least_squares.fit_without(here, smaller, without.parameters, noise=finding.fit.noise)
+
     def squares(m, f):
-        problem = dataset.residuals(m, f.free, f.parameters, "fit")
+        problem = here.residuals(m, f.free, f.parameters, "fit")
         return sum((noise.whiten(r[None], problem.chain) ** 2).sum()
                    for noise, r in zip(finding.fit.noise, problem.residual(f.values)))
 

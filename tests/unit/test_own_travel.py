@@ -1,5 +1,9 @@
 """The rig's own travel, which no fit follows, is no memory of friction; nor is a start a warm-up."""
 
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +13,8 @@ from benchmarks.real_logs.make import GEARED
 from pycosim.compile import Library, compile_model
 from pycosim.data import turns
 from pycosim.data.dataset import Dataset
+from pycosim.diagnosis import trials
+from pycosim.diagnosis.decide import diagnose
 from pycosim.diagnosis.trials import BETWEEN, OWN, START, no_effect
 from pycosim.dynamics.filters import first_order
 from pycosim.fit import least_squares
@@ -31,10 +37,10 @@ def logged(folder, friction, every=20):
     return Dataset(load_study(folder / "study.toml"), Library())
 
 
-def stiff(time, way):
-    """Elastic over the rig's own travel, and sliding from there on."""
+def stiff(time, way, travel=TRAVEL):
+    """Elastic over a travel, the rig's own where no other is given, and sliding from there on."""
     state, found = 0.0, np.empty(len(time))
-    for k, step in enumerate(way * np.gradient(time) / TRAVEL):
+    for k, step in enumerate(way * np.gradient(time) / travel):
         found[k] = state = min(max(state + step, -1.0), 1.0)
     return found
 
@@ -55,6 +61,40 @@ def test_a_memory_that_the_rig_s_own_travel_does_as_well_is_none(friction, T, sa
     free = [n for n in dataset.parameters.free(model) if n not in values]
     fit = least_squares.fit(dataset, model, values, free)
     assert no_effect(dataset, model, fit) == said
+
+
+def test_what_predicts_less_than_a_travel_of_the_machine_s_own_length_stands_in_for_it(tmp_path, monkeypatch):
+    """The rig's travel is a guess; of one of 0.4 of it a filter of the torque was what is missing, or a lag."""
+    monkeypatch.setattr(turns, "building_up", lambda miss, *given: np.zeros(miss.shape[1], dtype=bool))
+    dataset = logged(tmp_path, partial(stiff, travel=0.4 * TRAVEL))
+    found = diagnose(dataset, dataset.base, least_squares.fit(dataset, dataset.base))
+    refused = {c.effect: c.refused for c in found.candidates if c.fit is not None}
+    assert refused["presliding"] == OWN and refused["friction_lag"] == OWN
+    assert not found.winner
+
+
+def test_a_time_constant_is_told_from_nothing_where_a_filter_has_settled(monkeypatch):
+    """What the first samples of a pass hold fell by more than the noise of the others, and the interval held zero."""
+    class Data:
+        def __init__(self, first):
+            self.first = first
+
+        def settled(self, model, parameters):
+            return Data(0.0)
+
+        def residuals(self, model, free, parameters, part):
+            left = np.r_[self.first * (1.0 - 0.1 * parameters.get("low_pass_torque.T", 0.0)), np.zeros(9)]
+            return SimpleNamespace(chain=None, residual=lambda values: left[None])
+
+    noise = SimpleNamespace(whiten=lambda values, chain: values)
+    attached = [(SimpleNamespace(id="low_pass"), SimpleNamespace(name="torque", components=("torque",)))]
+    monkeypatch.setattr(trials, "component_name", lambda *given: "low_pass_torque")
+    monkeypatch.setattr(least_squares, "fit_without", lambda data, model, start, **options: without)
+    fit = least_squares.Fit({"low_pass_torque.T": 1.0}, [], {}, *[None] * 4, 1.0, [noise], [], None)
+    without = replace(fit, parameters={})
+    told = trials.told_from_nothing(Data(100.0), SimpleNamespace(attached=attached),
+                                    SimpleNamespace(fit=fit, sizes={"T": 0.0}), None, without)
+    assert not told.apart
 
 
 @pytest.mark.parametrize("T, said", [(0.05, START), (20.0, None)])
