@@ -71,8 +71,8 @@ class Scores:
         self.p = len(table.fit.free)
         self.weights, self.few = table.fit.weights, max(1, len(table.time) // 5000)
         self.candidates, self.columns, self.thin = list(table.candidates), list(table.columns), []
-        self._noise()
-        self._noise_beside_ripple()
+        if not self._noise():
+            self._noise_beside_ripple()
         self._roundings()
         self._search_ripples()
         self._whiten()
@@ -118,7 +118,8 @@ class Scores:
         Nor is slow noise a missing effect: eight of hundreds of columns take half of it away where a log is as short
         as a few of its memories. Unless they make the samples likelier than the best of so many would by chance, the
         noise fitted anew, all is noise. One candidate is asked then as well: at several stages together it has fewer
-        coefficients than the columns of these stages, and stands out where they do not.
+        coefficients than the columns of these stages, and stands out where they do not. Returns whether it is the noise
+        beside any.
         """
         gram = self._of_all(self._thin_moments())
         best, *more = self._path(gram, 0.02)
@@ -128,9 +129,10 @@ class Scores:
             alone, parts = self._alone(gram)
             best = alone if self._beyond_chance(parts, len(self.candidates)) else best
         self._noise_of(best)
+        return bool(best[self.p:].any())
 
     def _noise_beside_ripple(self):
-        """The noise beside a ripple too, where that is as slow as noise.
+        """The noise beside a ripple, where nothing else is missing and that is as slow as noise.
 
         A few cycles over the travel, in a slow motion, are slow noise to whoever does not ask for them, and whitening
         takes them away: half of the squared error of an axis of 0.2 m was, with 0.97 as the chance of its ripple.
