@@ -1,4 +1,7 @@
-"""Moments of a weighted residual and its derivative in; where the squares are least within bounds, out."""
+"""Moments of a weighted residual and its derivative in; where the squares are least within bounds, out.
+
+Why not SciPy's: `docs/explanation/identification.md`, measured by ``benchmarks.speed.solver``.
+"""
 
 from __future__ import annotations
 
@@ -39,10 +42,6 @@ def solve(gram, x, free, low, high, evaluations, enough=ENOUGH):
     ------
     NoAnswerError
         The model has no finite answer at the start.
-
-    Notes
-    -----
-    Why not SciPy's: `docs/explanation/identification.md`, measured by ``benchmarks.speed.solver``.
 
     References
     ----------

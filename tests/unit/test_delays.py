@@ -368,8 +368,8 @@ def test_the_interval_of_a_delay_that_jumps_tell_holds_where_in_a_sample_they_li
     assert 0 < low < true < high < true + 0.003
 
 
-def test_a_slow_reference_of_sudden_moves_is_no_inertia(tmp_path):
-    """Accelerations were told by the record, which shows them held back: 0.116 s for 0.08, and an inertia beside it."""
+def test_the_lag_of_a_reference_is_told_in_sudden_moves(tmp_path):
+    """Accelerations were told by the record, which shows them held back: 0.116 s for 0.08."""
     rng, time, speed = np.random.default_rng(3), np.arange(0, 60, 0.01), np.zeros(6000)
     for begin in np.arange(50, 5900, 120):
         speed[begin:begin + 60] = rng.uniform(30, 60) * (1 if begin // 120 % 2 else -1)
