@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import linprog
 from scipy.special import stdtrit  # quantiles of Student's t; scipy.stats takes half a second to import
 
+from ..compile import component_name
 from ..core.errors import NoAnswerError
 from ..data.noise import fit_noise
 from ..data.parameters import phases
@@ -25,6 +27,7 @@ from .damped import ENOUGH, listed, solve
 from .moments import Moments
 
 NEAR = 1e-5  # of the squares of a few thousand samples, below which a step is left to those of all: noise tells no more
+HALVES = 12  # by which a size that changes nothing is brought to where it does
 MARGIN = 1e-6  # of the nominal value, that a fit keeps from its bounds: there derivatives are two-sided
 
 
@@ -358,13 +361,19 @@ def _fit(dataset, model, start, free, part, robust, most, noise, held):
     near = {**variables, **{n: replace(variables[n], min=v - 2 * MARGIN * variables[n].nominal,
                                        max=v + 2 * MARGIN * variables[n].nominal)
                             for n, v in zip(free, x) if n in held}}
-    x, moments = _refine(problem, tidy, x, free, near, weights, list(model.segments), robust, most is not None)
-    if moments is None:
-        slope, residual = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2), problem.residual(x)
-        gram = _cross_gram(problem, tidy, x, weights, robust)
-    else:
-        slope, residual = moments.slope_and_residual(x)
-        gram = moments.gram(x, weights, True)
+    refine = partial(_refine, problem, tidy, free=free, variables=near, weights=weights, segments=list(model.segments),
+                     robust=robust, trial=most is not None)
+
+    def told(x, moments):
+        if moments is None:
+            slope, residual = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2), problem.residual(x)
+            return x, slope, residual, _cross_gram(problem, tidy, x, weights, robust)
+        return x, *moments.slope_and_residual(x), moments.gram(x, weights, True)
+
+    start, tried = x, [told(*refine(x))]
+    for side in (1, -1) if (flat := _flat(tried[0][1], free, model)) else ():
+        tried.append(told(*refine(_unstuck(tidy, start, side, flat, free, model))))
+    x, slope, residual, gram = min(tried, key=lambda found: found[-1][-1, -1])
     found = result(problem, slope, residual, gram, x, free, variables, weights, noise, robust)
     for k in (free.index(n) for n in held if n in free):  # what is left pulls at it, but not to where less is left
         found.unbounded[k] = found.values[k]
@@ -377,6 +386,25 @@ def _fit(dataset, model, start, free, part, robust, most, noise, held):
     unseen = {name: [n for n in own[name].values() if n not in free] for name in turning if name in found.own}
     found.parameters |= _turned_to(dataset, model, found, unseen)
     return found
+
+
+def _flat(slope, free, model):
+    """Sizes of effects that change nothing, as beyond what a law allows of them: nothing pulls at them there."""
+    sizes = {f"{component_name(e, p)}.{c}" for e, p in model.attached for c in e.size}
+    return [k for k, n in enumerate(free) if n in sizes and not slope[:, k].any()]
+
+
+def _unstuck(problem, x, side, flat, free, model):
+    """A start where sizes that change nothing are nearer to none, by halves, until they do; or on the other side."""
+    for k in flat:
+        none, start = model.parameters[free[k]].value, x
+        for half in 0.5 ** np.arange(HALVES):
+            x = np.where(np.arange(len(x)) == k, none + side * half * (start[k] - none), start)
+            if any(own[:, k].any() for _, _, own in problem.blocks(x)):
+                break
+        else:
+            x = start
+    return x
 
 
 def around(angles):

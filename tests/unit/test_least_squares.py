@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
+from benchmarks.real_logs.make import make
+from pycosim.compile import Library, compile_model
 from pycosim.core.errors import NoAnswerError
+from pycosim.data.dataset import Dataset
 from pycosim.fit import least_squares as fits
 from pycosim.fit.bounded import _pressed, bounded
 from pycosim.fit.damped import solve
+from pycosim.study.parse import load_study
 
 
 def test_the_best_within_bounds_is_that_of_scipy():
@@ -100,3 +104,15 @@ def test_a_fit_without_an_effect_starts_where_there_is_an_answer(monkeypatch):
     start = {"gear.f0": 0.1, "gear.mu": 0.4, "viscous_gear.b": 0.2}
     assert fits.fit_without(dataset, None, start, most=10) == "fitted"
     assert tried == [(start, {"most": 10}), ({"viscous_gear.b": 0.2}, {"most": 10})]
+
+
+@pytest.mark.parametrize("beyond", [0.4, -0.4])
+def test_a_fit_that_starts_where_a_size_changes_nothing_comes_back(beyond, tmp_path):
+    """A difference of loads counts to the load term alone; beyond it nothing pulls at it, and the fit stayed there."""
+    dataset = Dataset(load_study(make("geared:load_hysteresis:2.4:3", tmp_path, quick=True)), Library())
+    model = compile_model(dataset.library, dataset.study.rig, [("load_hysteresis", "gear")])
+    names = ["load_hysteresis_gear.h", "load_hysteresis_gear.mu_dif"]
+    best = fits.fit(dataset, model, dict(zip(names, [0.02, 0.01])))
+    found = fits.fit(dataset, model, {**best.parameters, names[1]: beyond})
+    assert [found.parameters[n] for n in names] == pytest.approx([best.parameters[n] for n in names], rel=1e-3)
+    assert found.identifiable(names[1])
