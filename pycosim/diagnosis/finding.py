@@ -85,6 +85,8 @@ class Diagnosis:
         Whether something is missing that is over between two samples, so that none of what may do it is a name.
     known : (Table, Scores), or None
         Of the model with the winner, for the next diagnosis.
+    travels : dict of str to float
+        Of the machine's own friction, where the log tells others than the rig's [rad] or [m]; see `own.travels`.
     """
 
     verdict: str
@@ -101,6 +103,7 @@ class Diagnosis:
     later: object = field(default=None, repr=False, compare=False)
     between: bool = False
     known: object = field(default=None, repr=False, compare=False)
+    travels: dict = field(default_factory=dict)
 
     def finish(self):
         """Find where a residual that no effect explains lives, where a search has put that off.
@@ -146,6 +149,22 @@ class Diagnosis:
         best = self.winner
         best.accepted, best.provisional, best.contested = False, True, True
         best.together = pairs
+        self._unexplained()
+
+    def refuse(self, out):
+        """Take back the winner where it is one of the effects that a search has taken out at its end.
+
+        Parameters
+        ----------
+        out : dict of (str, str) to str
+            Why, by effect and place.
+        """
+        best = self.winner
+        if best is not None and best.key in out:
+            best.accepted, best.refused = False, out[best.key]
+            self._unexplained()
+
+    def _unexplained(self):
         for own in self.channels.values():
             own["verdict"] = "unexplained" if own["verdict"] == "missing_effect" else own["verdict"]
         self.verdict = "unexplained"

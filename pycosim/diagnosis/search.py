@@ -11,7 +11,7 @@ from ..fit import least_squares
 from . import compare, pairs
 from .constancy import allowed, as_good_a_law, constancy
 from .crossval import difference, select
-from .decide import OPEN, diagnose, scored
+from .decide import ENDLESS, OPEN, diagnose, scored
 from .dependence import dependence
 from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises, slow
@@ -21,6 +21,8 @@ from .trials import TRIAL, nudged, pressed
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
 SHOWN = 3  # pairs that are told where they do better than one effect, or tried where as good a one is not constant
+CHANCE = 0.05  # that the interval of any of all candidates is off, where what is left is unexplained
+NOTHING = "its size differs from block to block by so much that it may be none"
 TOGETHER = 3  # effects of a ladder up to which two are looked for, or exchanged, at once
 
 
@@ -253,6 +255,7 @@ def improve(dataset, model=None, seed=0, progress=None):
     Returns
     -------
     Improvement
+        Not finished where its last diagnosis has `travels`: then search again with them in the study.
     """
     say = progress or (lambda text: None)
     model, dataset = model or dataset.base, dataset.calm
@@ -262,6 +265,8 @@ def improve(dataset, model=None, seed=0, progress=None):
     seen, without = [], {}
     while True:
         steps, last = _grow(dataset, steps, last, seed, progress)
+        if last.travels:  # the samples that tell of effects are others where those are known
+            return Improvement(first, last, steps)
         seen.append({s.added for s in steps})
         revised = _revised(dataset, steps, last.noise, seed, progress, without)
         if revised is None and last.verdict == "unexplained" and not (last.between or last.contested):
@@ -277,10 +282,46 @@ def improve(dataset, model=None, seed=0, progress=None):
     if len(pruned) < len(steps):
         steps = pruned
         last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed + 99, progress, False)
-    if last.verdict == "unexplained":
-        end = steps[-1]
-        steps = [*steps[:-1], replace(end, fit=least_squares.widened(dataset, end.model, end.fit))]
+    steps, last = _sure(dataset, steps, last, seed + 99, progress)
+    first = first if len(steps) > 1 else last  # what was found and taken out again is no answer
     return Improvement(first.finish(), last.finish(), steps)
+
+
+def _sure(dataset, steps, last, seed, progress):
+    """A path whose effects all have a size of their own; its last fit widened where something unknown is left.
+
+    None is held by a bound alone beside the others, nor may be none where something unknown is left.
+    """
+    out = {}
+    while True:
+        end, unknown = steps[-1], last.verdict == "unexplained"
+        if unknown:
+            steps = [*steps[:-1], replace(end, fit=least_squares.widened(dataset, end.model, end.fit))]
+        level, attached = 1 - CHANCE / max(len(last.candidates), 1), {(e.id, p.name): (e, p) for e, p in
+                                                                      end.model.attached}
+        ended = [s.added for s in steps[1:] if pressed(end.model, end.fit, attached[s.added])]
+        unsure = [s.added for s in steps[1:] if unknown and _may_be_nothing(steps[-1].fit, s, level)]
+        if not ended + unsure:
+            return steps, last
+        out |= dict.fromkeys(unsure, NOTHING) | dict.fromkeys(ended, ENDLESS)
+        steps = _ladder(dataset, steps[0], [s for s in steps[1:] if s.added not in out])
+        last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed, progress, False)
+        last.refuse(out)
+        if last.winner is not None and len(out) < MOST:
+            steps = [*steps, _added(dataset, steps, last.winner, progress)]
+            last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed, progress, False)
+            last.refuse(out)
+
+
+def _may_be_nothing(fit, step, level):
+    """Whether the intervals of all sizes of a step's effect hold nothing, in the last fit of a path.
+
+    They are as wide as blocks differ where something unknown is missing: what lowers unseen errors there, and may as
+    well have no size, or the other sign, stands in for that.
+    """
+    sizes = {f"{component_called(*step.added)}.{n}": neutral for n, neutral in step.finding.sizes.items()}
+    return bool(sizes) and all(n in fit.free and n not in fit.apart and low <= neutral <= high
+                               for n, neutral in sizes.items() for low, high in [fit.interval(n, level)])
 
 
 def diagnosed(dataset, model, fit, seed=0, progress=None):
@@ -321,6 +362,8 @@ def _first(dataset, steps, seed, progress, known=None):
     step, draw = steps[-1], seed + len(steps) - 1
     known = known or scored(dataset, step.model, step.fit, draw, progress)
     found = diagnose(dataset, step.model, step.fit, draw, progress, False, known)
+    if found.travels:
+        return found, steps, found
     unknown = found.verdict == "unexplained" and not found.between and len(steps) + 1 <= TOGETHER
     several = pairs.fitted(dataset, step.model, step.fit, known, progress, len(steps) == 1) if unknown else iter(())
     ahead, last, known = None, None, None

@@ -1,11 +1,13 @@
 """What tells a law from one that stands in for it: one coefficient all over the data, and little that is left."""
+
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, norm
 
-from pycosim.diagnosis import constancy
+from pycosim.diagnosis import constancy, search
 from pycosim.diagnosis.constancy import (
     FREE,
     OWN,
@@ -21,6 +23,7 @@ from pycosim.diagnosis.constancy import (
     levels,
 )
 from pycosim.diagnosis.dependence import Dependence, _dependence, _Given, calm_floor, noise_floor
+from pycosim.diagnosis.finding import Diagnosis, Finding
 from pycosim.diagnosis.remainder import HELD_OUT, LEFT, WANDERS, remaining, rises
 
 
@@ -326,3 +329,53 @@ def test_an_outlier_hides_nothing_that_is_slower_than_noise():
                                   blocks=SimpleNamespace(line=np.arange(8), speed=np.zeros(8, dtype=int)))
         floors.append([v["C"] for v in calm_floor(dataset, None, SimpleNamespace(free=[], parameters={}, values=[]))])
     assert floors[1] == pytest.approx(floors[0], rel=0.01) and floors[0][1] > 1.5 * floors[0][0]
+
+
+class _Fit:
+    """Sizes with half widths of their 95 % intervals, which grow with the level as of normal noise."""
+
+    def __init__(self, sizes, apart=()):
+        self.sizes, self.free, self.apart = sizes, [*sizes], dict.fromkeys(apart, 0.0)
+
+    def interval(self, name, level=0.95):
+        value, half = self.sizes[name]
+        half *= norm.ppf(0.5 + level / 2) / norm.ppf(0.975)
+        return value - half, value + half
+
+
+def _step(effect, place, fit, sizes):
+    return search.Step((effect, place), None, fit, {}, {}, Finding(effect, place, sizes=dict.fromkeys(sizes, 0.0)))
+
+
+@pytest.mark.parametrize(("half", "apart", "may"), [(0.4, (), False), (0.9, (), True), (1.2, (), True),
+                                                    (1.2, ("viscous_2A.b",), False)])
+def test_a_size_may_be_none_at_the_level_of_the_largest_of_all_candidates(half, apart, may):
+    """A size of one, of 120 candidates: 1.8 times its 95 % interval, unless the likelihood rules it out."""
+    fit = _Fit({"viscous_2A.b": (1.0, half)}, apart)
+    assert search._may_be_nothing(fit, _step("viscous", "2A", fit, ["b"]), 1 - search.CHANCE / 120) is may
+
+
+def _diagnosis(verdict, *names, accepted=None):
+    found = [Finding(*name, accepted=name == accepted) for name in names]
+    return Diagnosis(verdict, {}, {}, found, [], [], channels={"C": {"verdict": verdict}})
+
+
+@pytest.mark.parametrize("bound", [None, "reference_gain"])
+def test_what_may_have_no_size_beside_something_unknown_is_taken_out_and_stays_out(bound, monkeypatch):
+    """A gain of 0.42, and a ripple of half a cycle, stood in for laws that nobody knows."""
+    gain, drag = ("reference_gain", "knee"), ("viscous", "2A")
+    fit = _Fit({"reference_gain_knee.g": (0.6, 0.58), "viscous_2A.b": (1.0, 0.1)})
+    model = SimpleNamespace(attached=[(SimpleNamespace(id=e), SimpleNamespace(name=p)) for e, p in (gain, drag)])
+    path = [search.Step(None, model, fit, {}, {}), _step(*gain, fit, ["g"]), _step(*drag, fit, ["b"])]
+    path = [replace(s, model=model) for s in path]
+    monkeypatch.setattr(search, "pressed", lambda model, fit, attached: attached[0].id == bound)
+    monkeypatch.setattr(search.least_squares, "widened", lambda dataset, model, fit: fit)
+    monkeypatch.setattr(search, "_ladder", lambda dataset, base, steps: [base, *steps])
+    monkeypatch.setattr(search, "diagnose", lambda *given: _diagnosis("missing_effect", gain, drag, accepted=gain))
+    steps, last = search._sure(None, path, _diagnosis("unexplained", gain, drag), 0, None)
+    assert [s.added for s in steps] == [None, drag]
+    assert (last.verdict, last.channels["C"]["verdict"], last.winner) == ("unexplained", "unexplained", None)
+    assert last.candidates[0].refused == (search.ENDLESS if bound else search.NOTHING)
+    known = _diagnosis("nothing_missing", gain)
+    steps = search._sure(None, path, known, 0, None)[0]
+    assert [s.added for s in steps] == ([None, drag] if bound else [None, gain, drag])
