@@ -207,6 +207,8 @@ class Workbench:
             if found.guess:
                 self.make()
                 write_whole(self.guess, found.guess)
+            # the machine's own travels, if it found any, are in the study from now on
+            self.project, self.fits = found.fitted.project, [*self.fits[:-1], found.fitted]
             self.diagnosed = replace(found, final=len(self.fits) > 1)
 
     @property
@@ -337,6 +339,7 @@ class Workbench:
         report = found.report(self.folder / "report.html")
         self._say("done")
         if self.project is project:
+            self.project = found.project
             self.fits, self.diagnosed = [step.fitted for step in found.steps], found.last
             self.searched, self.report = found, report
 

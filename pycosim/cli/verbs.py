@@ -148,7 +148,8 @@ def _diagnose(run, arguments):
 def _add(run, arguments):
     before = run.fit()
     after = before.add(arguments.effect)
-    change = sentences.change_text(before.error, after.error, run.project.dataset.units)
+    run.project = after.project  # it may know the machine's own travels by now
+    change = sentences.change_text(run.project.fit().error, after.error, run.project.dataset.units)
     run.lines += [*after.notes, f"Error on the fitted passes: {change}."]
     run.write("parameters.json", after.to_dict())
     run.write("comparison.json", after.compare().record)
@@ -174,6 +175,7 @@ def _improve(run, arguments):
 def _improved(run):
     """A search, with what it writes and says, but for figures."""
     found = run.project.improve()
+    run.project = found.project  # it may know the machine's own travels by now
     run.lines += found.steps[0].fitted.doubts
     for name, content in found.files().items():
         run.write(name, content)

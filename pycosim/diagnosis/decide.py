@@ -25,9 +25,10 @@ from .dependence import RELEVANT, dependence, noise_floor
 from .excitation import smallest, undetectable, varied
 from .finding import Diagnosis
 from .lack_of_fit import unexplained
+from .own import travels
 from .remainder import LEFT, remaining, rises, slow
 from .rhythm import rhythms
-from .rivals import SURELY, behind, by_kind, plainly_better, too_many, twins
+from .rivals import ALIKE, SURELY, behind, by_kind, plainly_better, too_many, twins
 from .scores import LEVEL, Scores
 from .table import Table
 from .trials import BETWEEN, HALF, OWN, as_findings, fit_to_all, pressed, refit_best, turned
@@ -113,7 +114,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     floor = noise_floor(dataset, model, fit)
     wandering, beats = slow(dataset, model, fit), rhythms(dataset, model, fit)
     brief = [f for f in rivals if _much_between(base, f)]
-    verdict = _verdict(findings, alarm or bool(brief or wandering or beats), hidden, dataset, model.attached)
+    beating = any(not mains for _, _, mains in beats.values())
+    verdict = _verdict(findings, alarm or bool(brief or wandering or beating), hidden, dataset, model.attached)
     winner, provisional = (chosen if chosen and chosen.accepted else None), (
         chosen if chosen and chosen.provisional else None)
     held_out = errors(dataset, model, fit, "test") if dataset.is_test.any() else {}
@@ -122,7 +124,8 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     found = Diagnosis(verdict, fit.error, floor, findings, depends, hidden, scores.single,
                       smallest(scores, LEVEL, MATTERS, hidden), varied(table), None, channels,
                       partial(unexplained, table, depends, floor) if unknown else None,
-                      between=any(_soon(dataset, (model, fit), f) for f in brief))
+                      between=any(_soon(dataset, (model, fit), f) for f in brief),
+                      travels={} if winner else _travels(dataset, model, rivals))
     return found.finish() if finished else found
 
 
@@ -379,6 +382,18 @@ def _refuse_as_own(dataset, rivals):
             f.refused = OWN
 
 
+def _travels(dataset, model, rivals):
+    """What memories of friction that are refused as the machine's own travel say of it, unless the study tells one."""
+    refused = [f for f in rivals if f.refused == OWN and f.p_value < LEVEL
+               and effect_question(dataset.library, find_effect(dataset.library, f.effect)).states]
+    told, question = dataset.study.parameters, dataset.ask(model)
+    known = any(f"{c}.travel" in told and told[f"{c}.travel"].value is not None for c in model.segments)
+    if not refused or known or dataset.averaged or question.late or question.held:
+        return {}
+    larger = [compile_model(dataset.library, model.rig, [*model.keys, f.key]) for f in refused]
+    return travels(dataset, model, [(m, f.fit) for m, f in zip(larger, refused)], 1 - ALIKE)
+
+
 def _percent(share):
     return f"{100 * share:.2g} %" if share >= 1e-3 else "less than 0.1 %"
 
@@ -433,11 +448,13 @@ def _channels(error, held_out, floor, told, base, winner, steps, provisional, sl
     """What each channel says for itself.
 
     A channel misses an effect where the accepted one lowers its unseen error, and something unknown where its residual
-    depends on something, is slower than noise, or keeps a beat of its own, and no effect explains that.
+    depends on something, is slower than noise, or keeps a beat of its own that is not of mains, and no effect explains
+    that.
     """
     found = {}
     for k, (name, own) in enumerate(told.channels.items()):
-        verdict = "unexplained" if own.sure or name in slow or name in beats else "nothing_missing"
+        beating = name in beats and not beats[name][-1]
+        verdict = "unexplained" if own.sure or name in slow or beating else "nothing_missing"
         for finding, word in ((winner, "missing_effect"), (provisional, "unexplained")):
             if finding is not None:
                 fall, spread = difference(base.channels[k], finding.selection.channels[k])
@@ -447,5 +464,5 @@ def _channels(error, held_out, floor, told, base, winner, steps, provisional, sl
                        "resolution": steps.get(name, 0.0), "slow": name in slow,
                        "depends_on": [v for v in own.variables if v["strength"] >= RELEVANT][:5] if own.sure else []}
         found[name] |= {"held_out_error": held_out[name]} if name in held_out else {}
-        found[name] |= {"beat": dict(zip(("frequency", "share"), beats[name]))} if name in beats else {}
+        found[name] |= {"beat": dict(zip(("frequency", "share", "mains"), beats[name]))} if name in beats else {}
     return found

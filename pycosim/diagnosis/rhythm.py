@@ -15,6 +15,9 @@ CYCLES, BLOCKS = 8.0, 4
 """Cycles of the slowest beat within the longest run, and blocks that are needed."""
 MOST_FREQUENCIES = 2 ** 18
 FASTEST = 0.4  # of the sampling rate
+MAINS, HARMONICS, OFF, APART = (50.0, 60.0), 4, 0.005, 2.0
+"""Frequencies of mains [Hz], how many of their multiples, how far a beat may be off them (a network keeps 0.002, a
+logger's clock 0.003), and from which frequency on one that sampling folds is told from what is slow [Hz]."""
 OF_MOTION = 0.05  # of its energy, that the motion itself may have there: what repeats with it has no beat of its own
 
 
@@ -36,9 +39,9 @@ def rhythms(dataset, model, fit):
 
     Returns
     -------
-    dict of str to (float, float)
-        By channel of a torque or force, the frequency [Hz] and the share of the squared error that it predicts; those
-        of more than `SHARE` alone.
+    dict of str to (float, float, bool)
+        By channel of a torque or force, the frequency [Hz], the share of the squared error that it predicts, and
+        whether it is of mains; those of more than `SHARE` alone.
     """
     if dataset.paired or dataset.averaged:
         return {}
@@ -54,7 +57,8 @@ def rhythms(dataset, model, fit):
     late = time > np.array([middle[k] for k in run])
     halves = [np.flatnonzero(late == side) for side in (False, True)]
     low = CYCLES / longest
-    high = FASTEST / np.median(np.diff(dataset.time[dataset.run == run[0]]))
+    rate = 1 / np.median(np.diff(dataset.time[dataset.run == run[0]]))
+    high = FASTEST * rate
     count = int(min(4 * longest * (high - low), MOST_FREQUENCIES))
     if count < 2:
         return {}
@@ -66,7 +70,7 @@ def rhythms(dataset, model, fit):
         best = grid[np.argmax(_power(time, r, run, grid))]
         share = min(_predicted(time, r, run, *way, best) for way in (parts, parts[::-1], halves, halves[::-1]))
         if share > SHARE and not _moves(time, [s[view] for s in dataset.speeds], run, best):
-            found[channel] = float(best), float(share)
+            found[channel] = float(best), float(share), of_mains(best, rate)
     return found
 
 
@@ -107,4 +111,23 @@ def _moves(time, speeds, run, frequency):
                for s in speeds)
 
 
-__all__ = ["rhythms"]
+def of_mains(frequency, rate):
+    """Whether a beat is that of mains: noise of the record, and no law of the machine.
+
+    Parameters
+    ----------
+    frequency : float
+        [Hz]
+    rate : float
+        Of the samples [Hz], which fold what is faster than half of it.
+
+    Returns
+    -------
+    bool
+    """
+    lines = np.outer(MAINS, np.arange(1, HARMONICS + 1)).ravel()
+    folded = np.abs(lines - rate * np.round(lines / rate))
+    return bool(frequency > APART and np.any(np.abs(folded - frequency) < OFF * lines))
+
+
+__all__ = ["of_mains", "rhythms"]

@@ -17,6 +17,7 @@ from ..fit import least_squares
 from ..fit.late import delays
 from .crossval import difference, select
 from .finding import Finding
+from .own import Followed, left_of
 from .rivals import ALIKE, twins
 from .scores import LEVEL, PRESSED
 
@@ -24,6 +25,7 @@ REFITS = 10
 BETWEEN = "over within a few samples, so that they do not show it"
 OWN, SIMILAR = "what the model's own travel does after turns", 2.0
 """Said of a travel less than so many times the rig's own, where that is at work."""
+SHORT = 0.25  # samples: a shorter delay is when, between two rows, a logger read each of its columns
 START, ENDED = "over within one pass or stretch, so that it tells of the start alone", 3.0
 """Said of a law of time of which so many time constants are no longer than that: a twentieth is left then."""
 FEW, MOSTLY, HALF = 4, 0.8, 0.5
@@ -314,7 +316,8 @@ def no_effect(dataset, model, fit, attached=None):
     -----
     A filter that is done within half a sample, or a travel that is passed within two at the least speed, is what
     straight lines between samples miss: as much is left at a start where a torque was moved by a part of a sample. A
-    lag of friction of less than one and a half is what a speed that is known to a sample leaves of a travel. Where the
+    delay of less than a quarter of one is when a logger reads its columns, or holds a command that it logs. A lag of
+    friction of less than one and a half is what a speed that is known to a sample leaves of a travel. Where the
     rig's own travel is at work, one of about that length is no other; of a rig's only segment it is the same whether it
     was seen at work or not, and any memory of which it does four fifths is none. A loss that falls in time, and has
     done so before the first pass is over, is what that starts with: a memory of friction has a state there that no log
@@ -323,8 +326,9 @@ def no_effect(dataset, model, fit, attached=None):
     effect, place = attached = attached or model.attached[-1]
     own = {kind: fit.parameters[f"{component_name(*attached)}.{c}"] for c, kind in effect.scan.items()}
     lasts = 1.5 if "creep" in effect.scan.values() else 0.5
-    least = {"lag": lasts * _step(dataset), "travel": 2 * _step(dataset) * dataset.w_min}
-    if any(own[kind] < least[kind] for kind in own if kind in least) or _between(dataset, model, fit, attached):
+    step = _step(dataset)
+    least = {"lag": lasts * step, "travel": 2 * step * dataset.w_min, "delay": SHORT * step}
+    if any(abs(own[kind]) < least[kind] for kind in own if kind in least) or _between(dataset, model, fit, attached):
         return BETWEEN
     if ENDED * own.get("time", np.inf) < np.median(dataset.blocks.t1 - dataset.blocks.t0):
         return START
@@ -344,17 +348,9 @@ def _is_own(dataset, model, fit, attached):
     if not effect_question(dataset.library, attached[0]).states or dataset.averaged or not dataset.base.segments:
         return False
     without = compile_model(dataset.library, model.rig, [k for k in model.keys if k != key])
-    here, parameters = dataset.picks("fit"), {n: fit.parameters[n] for n in without.parameters}
-    question, states = dataset.ask(without), dataset.states(without, parameters)[0]
-    followed = states.copy()
-    followed[[question.states.index(f"{c}.z") for c in without.segments]] = built_up(dataset, without, parameters)
-    free = [n for n in fit.free if n in parameters]
-    one, other = (dataset.residuals(m, f, fit.parameters, "fit").residual([fit.parameters[n] for n in f])
-                  for m, f in ((without, free), (model, fit.free)))
-    at_once, late = (np.array(list(dataset.segment_signals(without, parameters, dataset.outputs, s).values()))
-                     for s in (states, followed))
-    rig = one - sum(share * take(late - at_once) for share, _, take in here)
-    none, left, own = (float((fit.weights[:, None] ** 2 * r ** 2).sum()) for r in (one, other, rig))
+    here = Followed(dataset, without, fit)
+    own = here.residual + here.changed(built_up(dataset, without, here.parameters))
+    none, left, own = map(here.squares, (here.residual, left_of(dataset, model, fit), own))
     return none - own >= (1 - ALIKE) * (none - left) > 0
 
 

@@ -204,10 +204,14 @@ class Diagnosis(Recorded):
 
     @cached_property
     def record(self) -> dict[str, Any]:
-        """``diagnosis.json``; beyond the contract ``final``, whether effects were added before."""
+        """``diagnosis.json``; beyond the contract ``final``, whether effects were added before, and ``travels``.
+
+        Those are of the machine's own friction, by parameter, where the log tells others than the rig's.
+        """
         if self.kept is not None:
             return self.kept
-        return {**records.diagnosis(self.found, self.fitted.dataset), "final": self.final}
+        return {**records.diagnosis(self.found, self.fitted.dataset), "final": self.final,
+                "travels": self.fitted.project.own_travels}
 
     @classmethod
     def _loaded(cls, record: dict[str, Any], absent: Any) -> Diagnosis:

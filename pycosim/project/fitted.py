@@ -419,11 +419,18 @@ class Fitted(Recorded):
         self.project.study.refuse_own("diagnose", self.project.library)
         found = search.diagnosed(self.dataset, self.model, self.solution, self.project.study.seed,
                                  self.project.saying(self))
+        if found.travels:
+            return self._with_travels(found.travels).diagnose()
         if found.winner is not None and self.dataset.is_test.any():
             winner = Diagnosis(self, found).candidates[found.winner.key]
             found.winner.held_out_error = self.add(winner).held_out_error
         finish(self.project.say)
         return Diagnosis(self, found)
+
+    def _with_travels(self, travels: dict[str, float]) -> Fitted:
+        """The model fitted where the machine's own friction builds up over other travels than the rig's."""
+        project = self.project.with_travels(travels)
+        return Fitted(project, self.model, least_squares.fit(project.dataset, self.model, self.solution.parameters))
 
     def add(self, effect: str | Candidate) -> Fitted:
         """The model with one more effect, fitted.
@@ -465,12 +472,16 @@ class Fitted(Recorded):
         # a diagnosis says nothing of an effect that stands in no ranking, and knows no parameters of single runs
         library = self.project.library
         asked = not (self.project.study.own_values(library) or find_effect(library, name).by_name)
-        found = effect.diagnosis.found if isinstance(effect, Candidate) else self.diagnose().found if asked else None
-        made = search.add(self.dataset, self.model, self.solution, name, places, found, self.project.say)
+        told = effect.diagnosis if isinstance(effect, Candidate) else self.diagnose() if asked else None
+        found = None if told is None else told.found
+        # the same model, where the diagnosis found travels of the machine's own
+        base = told.fitted if told is not None and told.kept is None and told.fitted.model is self.model else self
+        made = search.add(base.dataset, base.model, base.solution, name, places, found, self.project.say)
         if made is None:
             raise StudyError(f"{study.path}: '{name}' cannot be fitted at any place of {study.rig} on these data")
         finish(self.project.say)
-        return Fitted(self.project, made.step.model, made.step.fit, tuple(sentences.summary_addition(made)), made.step)
+        notes = (*sentences.summary_addition(made), *sentences.travels_text(base.project.own_travels))
+        return Fitted(base.project, made.step.model, made.step.fit, notes, made.step)
 
     def confirm(self, data: Any) -> Confirmation:
         """Whether the model's effects, with the fitted values, hold on a log that was never searched.

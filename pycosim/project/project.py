@@ -6,7 +6,7 @@ import os
 import shlex
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -27,7 +27,7 @@ from ..diagnosis import search, starts
 from ..fit import least_squares
 from ..report import sentences
 from ..study.parse import load_study
-from ..study.schema import Study
+from ..study.schema import Setting, Study
 from ..study.write import write_study
 from .checked import Check
 from .confirmed import Confirmation, confirmed, refuse
@@ -158,12 +158,15 @@ class Project(Shown):
         The rig with the study's effects.
     say : callable
         Told the stages of long work.
+    travels : dict of str to float
+        Of the machine's own friction, which a diagnosis found in the logs, and the study now says [rad] or [m].
     """
 
     study: Study
     library: Any
     model: Any
     say: Say
+    travels: dict[str, float] = field(default_factory=dict)
 
     # ---- what it is
 
@@ -259,6 +262,31 @@ class Project(Shown):
         Project
         """
         return replace(self, study=on_data(self.study, data))
+
+    def with_travels(self, travels: dict[str, float]) -> Project:
+        """The same project where the machine's own friction builds up over other travels than the rig's.
+
+        Parameters
+        ----------
+        travels : dict of str to float
+            By parameter, as ``s1A.travel``: [rad] or [m].
+
+        Returns
+        -------
+        Project
+            Its study has them as fixed parameters.
+        """
+        known = self.study.parameters
+        told = {n: replace(known.get(n, Setting()), value=v, fixed=True) for n, v in travels.items()}
+        made = replace(self, study=replace(self.study, parameters={**known, **told}), travels=travels)
+        made.__dict__.update({n: v for n, v in self.__dict__.items() if n in ("_logs", "_checked")})
+        return made
+
+    @property
+    def own_travels(self) -> dict[str, dict[str, Any]]:
+        """The travels that a diagnosis found, by parameter: ``value``, ``unit``, and ``rig``, what the rig says."""
+        known = self.model.parameters
+        return {n: {"value": v, "unit": known[n].unit, "rig": known[n].value} for n, v in self.travels.items()}
 
     # ---- what it does
 
@@ -384,9 +412,11 @@ class Project(Shown):
         self.check().refuse()
         dataset = self.dataset
         self.study.refuse_own("improve", self.library)
-        made = Search(self, search.improve(dataset, self.model, self.study.seed, self.saying()))
+        found = search.improve(dataset, self.model, self.study.seed, self.saying())
+        if found.last.travels:
+            return self.with_travels(found.last.travels).improve()
         finish(self.say)
-        return made
+        return Search(self, found)
 
     def confirm(self, data: Data | None = None) -> Confirmation:
         """Whether the study's effects, frozen, hold on a log that was never searched; nothing is fitted to it.

@@ -311,7 +311,7 @@ class Search(Recorded):
         self.project.say("writing the report")
         try:
             charts = write_report(target, self.project.dataset, self.found, self.project.command,
-                                  self.project.check().checked)
+                                  self.project.check().checked, sentences.travels_text(self.project.own_travels))
             if numbers is not None:
                 write_numbers(Path(numbers), charts)
         except OSError as error:

@@ -49,9 +49,11 @@ class Page:
         What makes this page again.
     checked : Checked, optional
         What the check of the data found.
+    notes : list of str
+        Sentences on what the search learnt of the machine beside effects.
     """
 
-    def __init__(self, dataset, improvement, command, checked=None):
+    def __init__(self, dataset, improvement, command, checked=None, notes=()):
         self.checked = checked
         self.dataset, self.found, self.command, self.library = dataset, improvement, command, dataset.library
         self.first, self.last = (records.diagnosis(d, dataset) for d in (improvement.first, improvement.last))
@@ -59,7 +61,7 @@ class Page:
         steps = improvement.steps
         self.models = [(s.model, s.fit) for s in (steps if len(steps) < 2 else (steps[0], steps[-1]))]
         self.floor = {c: v for c, v in self.last["noise_floor"].items() if v is not None}
-        self.verdict = Verdict(dataset, improvement, self.first, self.last, self.parameters, checked)
+        self.verdict = Verdict(dataset, improvement, self.first, self.last, self.parameters, checked, notes)
         self.charts = []
 
     def html(self):
@@ -323,7 +325,7 @@ class Page:
                           ("The model found, in Modelica", self.found.model.text)]}
 
 
-def write_report(path, dataset, improvement, command, checked=None):
+def write_report(path, dataset, improvement, command, checked=None, notes=()):
     """Write the page of a search.
 
     Parameters
@@ -338,13 +340,15 @@ def write_report(path, dataset, improvement, command, checked=None):
         What makes this page again.
     checked : Checked, optional
         What the check of the data found.
+    notes : list of str
+        Sentences on what the search learnt of the machine beside effects.
 
     Returns
     -------
     list of Chart
         What is drawn on it.
     """
-    page = Page(dataset, improvement, command, checked)
+    page = Page(dataset, improvement, command, checked, notes)
     write_whole(path, page.html())
     return page.charts
 

@@ -382,8 +382,28 @@ def summary_diagnosis(result, final=False):
     """
     lines = {"missing_effect": _missing, "unexplained": _unexplained, "nothing_missing": _nothing,
              "not_enough_excitation": _too_little}[result["verdict"]](result, final)
-    lines += _by_channel(result) + smallest_text(result["smallest_detectable"])
+    lines += travels_text(result.get("travels")) + _by_channel(result) + smallest_text(result["smallest_detectable"])
     return lines + summary_undetectable(result["undetectable"])
+
+
+def travels_text(travels):
+    """Over which travels the machine's own friction builds up, where a log told that they are not the rig's.
+
+    Parameters
+    ----------
+    travels : dict or None
+        Of ``diagnosis.json``, by parameter: ``value``, ``unit``, and ``rig``, what the rig says.
+
+    Returns
+    -------
+    list of str
+    """
+    if not travels:
+        return []
+    text = ", ".join(f"{name} = {number(t['value'])} {t['unit']} for the rig's {number(t['rig'])}"
+                     for name, t in travels.items())
+    return [f"The machine's own friction builds up after turns over another travel than the rig's: {text}. The study "
+            "that is written says so, and samples at which friction still builds up are not compared."]
 
 
 def _by_channel(result):
@@ -515,6 +535,14 @@ def between_of(result):
         result.get("between") and result["verdict"] == "unexplained") else []
 
 
+def _of_mains(channels):
+    """The beats of mains in what is left, which hide what is as small."""
+    beats = {c: own["beat"] for c, own in (channels or {}).items() if own.get("beat")}
+    told = [f"{c} ({number(b['frequency'])} Hz, {100 * b['share']:.0f} % of its squared error)"
+            for c, b in beats.items()]
+    return [f"Mains are in {listed(told)}: noise of the record, which hides what is as small."] if beats else []
+
+
 def of_no_motion(channels):
     """What is left that follows no motion: held-out passes that differ, what is slower than noise, a beat.
 
@@ -541,8 +569,10 @@ def of_no_motion(channels):
     if beats := {c: own["beat"] for c, own in channels.items() if own.get("beat")}:
         told = listed([f"{c} at {number(b['frequency'])} Hz ({100 * b['share']:.0f} % of the squared error)"
                        for c, b in beats.items()])
-        lines.append(f"What is left keeps a beat all through the log, whatever the motion: {told}. Mains, a pump or a "
-                     "fan do that, and no law of friction.")
+        mains = all(b.get("mains") for b in beats.values())
+        lines.append(f"What is left keeps a beat all through the log, whatever the motion: {told}. " + (
+            "That is mains: noise of the record, and no law of the machine." if mains else
+            "Mains, a pump or a fan do that, and no law of friction."))
     return lines
 
 
@@ -683,7 +713,7 @@ def _nothing(result, final):
     if best:
         line += (f": of {tested} candidates the likeliest is {best['effect']} at {best['place']}, "
                  f"p = {number(best['p_value'])} family-wise{but(best)}")
-    return [line + ".", _at_floor(result)]
+    return [line + ".", *_of_mains(result["channels"]), _at_floor(result)]
 
 
 def but(best):

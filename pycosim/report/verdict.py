@@ -35,9 +35,12 @@ class Verdict:
         ``parameters.json``.
     checked : Checked, optional
         What the check of the data found.
+    notes : list of str
+        Sentences on what the search learnt of the machine beside effects.
     """
 
-    def __init__(self, dataset, found, first, last, parameters, checked=None):
+    def __init__(self, dataset, found, first, last, parameters, checked=None, notes=()):
+        self.notes = list(notes)
         self.dataset, self.library, self.steps = dataset, dataset.library, found.steps
         self.first, self.last, self.parameters, self.checked = first, last, parameters, checked
         self.added = self.steps[1:]
@@ -57,6 +60,7 @@ class Verdict:
                 ("How large", [] if several else self._large()), ("How sure", [] if several else self._sure()),
                 ("Error before and after" if self.added else "Error", self._error(), self._errors()),
                 ("What else it could be", self._else()), ("What it changes", *self._changes()),
+                ("What else was learnt", self.notes),
                 ("What is left" if self.added else "What could still hide", self._left()),
                 ("Next experiment", self.experiments()[:1])]
         return {"verdict": self.first["verdict"], "title": self.title(), "findings": self._findings(),

@@ -258,6 +258,23 @@ def test_a_delay_of_less_than_a_sample_that_acts_at_turns_is_what_happens_betwee
     assert no_effect(dataset, model, fit) == refused
 
 
+@pytest.mark.parametrize("delay, refused", [(0.002, BETWEEN), (-0.004, BETWEEN), (0.007, None)])
+def test_a_delay_of_less_than_a_quarter_of_a_sample_is_when_a_logger_reads(delay, refused, tmp_path):
+    """Under a load that swings all along, at 50 samples a second: it is seen, and is no machine's."""
+    time = np.arange(0, 48, 0.02)
+    load, late = (3.0 * np.sin(2 * np.pi * (time - d) / 0.9) for d in (0.0, delay))
+    way = 2 + 0.2 * np.sin(time)
+    log = pd.DataFrame({"time": time, "theta": cumulative_trapezoid(way, time, initial=0), "omega": way,
+                        "C": 50 * load, "tau": late + 0.3})
+    log[["C", "tau"]] += np.random.default_rng(0).standard_normal((len(time), 2)) * (0.05, 0.002)
+    log.to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "study.toml").write_text(GEARED.replace("runs = []", 'runs = ["log.csv"]'))
+    dataset = Dataset(load_study(tmp_path / "study.toml"), Library())
+    model = compile_model(dataset.library, dataset.study.rig, [("time_delay", "torque")])
+    fit = least_squares.fit(dataset, model, {"time_delay_torque.d": delay}, held=["time_delay_torque.d"])
+    assert no_effect(dataset, model, fit) == refused
+
+
 @pytest.fixture(params=["delay", "travel"])
 def turning(request, tmp_path):
     """A swing under a load of its own: with a torque 5.2 ms late, or friction that turns over in 6 ms."""

@@ -9,11 +9,12 @@ import pandas as pd
 import pytest
 from scipy.integrate import cumulative_trapezoid
 
+import pycosim as pc
 from benchmarks.real_logs.make import GEARED
 from pycosim.compile import Library, compile_model
 from pycosim.data import turns
 from pycosim.data.dataset import Dataset
-from pycosim.diagnosis import trials
+from pycosim.diagnosis import own, trials
 from pycosim.diagnosis.decide import diagnose
 from pycosim.diagnosis.trials import BETWEEN, OWN, START, no_effect
 from pycosim.dynamics.filters import first_order
@@ -71,6 +72,55 @@ def test_what_predicts_less_than_a_travel_of_the_machine_s_own_length_stands_in_
     refused = {c.effect: c.refused for c in found.candidates if c.fit is not None}
     assert refused["presliding"] == OWN and refused["friction_lag"] == OWN
     assert not found.winner
+    assert found.travels == {"gear.travel": pytest.approx(0.4 * TRAVEL, rel=0.15)}
+
+
+def test_a_travel_as_the_rig_s_is_no_other(tmp_path, monkeypatch):
+    monkeypatch.setattr(turns, "building_up", lambda miss, *given: np.zeros(miss.shape[1], dtype=bool))
+    dataset = logged(tmp_path, stiff)
+    found = diagnose(dataset, dataset.base, least_squares.fit(dataset, dataset.base))
+    assert "presliding" in [c.effect for c in found.candidates if c.refused == OWN]
+    assert found.travels == {}
+
+
+def test_a_search_takes_the_machine_s_own_travel(tmp_path):
+    """A friction that falls with speed is beside it: taken as sliding at once, it came out a quarter too small."""
+    fall = 0.5
+
+    def friction(time, way):
+        return stiff(time, way, 0.3 * TRAVEL) * (1 + fall * np.exp(-(way / 0.1) ** 2))
+
+    dataset = logged(tmp_path, friction)
+    assert not dataset.own_travel
+    project = pc.open(tmp_path / "study.toml")
+    found = project.improve()
+    assert (found.added, found.verdict) == (["stribeck@gear"], "nothing_missing")
+    told = found.project.study.parameters["gear.travel"]
+    assert told.fixed and told.value == pytest.approx(0.3 * TRAVEL, rel=0.2)
+    assert "gear.travel" not in project.study.parameters
+    assert found.final.params["stribeck_gear.fs"].value == pytest.approx(fall * LOSS, rel=0.03)
+    assert any("gear.travel = " in line for line in found.sentences)
+    assert "gear.travel" in found.save(tmp_path / "found.toml").read_text()
+    assert found.last.record["travels"]["gear.travel"] == {"value": told.value, "unit": "rad", "rig": TRAVEL}
+
+
+def test_a_diagnosis_takes_the_machine_s_own_travel_and_an_effect_is_added_beside_it(tmp_path):
+    logged(tmp_path, partial(stiff, travel=0.3 * TRAVEL))
+    fitted = pc.open(tmp_path / "study.toml").fit()
+    told = fitted.diagnose()
+    assert told.verdict == "nothing_missing"
+    assert told.record["travels"]["gear.travel"]["value"] == pytest.approx(0.3 * TRAVEL, rel=0.2)
+    assert told.error["C"] < fitted.error["C"]
+    assert fitted.add("viscous@gear").project.travels == told.fitted.project.travels
+
+
+def test_a_segment_has_a_travel_of_its_own_where_that_takes_more_than_luck():
+    noise, shapes = np.random.default_rng(0).standard_normal((1, 900)), np.zeros((2, 3, 1, 900))
+    for segment, part in enumerate((slice(0, 300), slice(300, 600))):
+        shapes[segment, :, :, part] = np.array([0.0, 1.0, 2.0])[:, None, None]
+    here = SimpleNamespace(squares=lambda residual: float((residual ** 2).sum()))
+    hidden = noise - shapes[0, 2]
+    assert own._apart(here, list(shapes), hidden, [0, 0], own.SURER) == [2, 0]
 
 
 def test_a_time_constant_is_told_from_nothing_where_a_filter_has_settled(monkeypatch):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pycosim.diagnosis.rhythm import rhythms
+from pycosim.diagnosis.rhythm import of_mains, rhythms
 
 
 def told(residual, time, run=None, speeds=None):
@@ -33,8 +33,15 @@ def test_a_beat_is_found_with_its_frequency_whatever_its_phase_in_each_run(frequ
     rng, time = np.random.default_rng(4), np.tile(np.arange(6000) * 0.01, runs)
     run = np.repeat(np.arange(runs), 6000)
     beat = np.sin(2 * np.pi * frequency * time + 2.0 * run)
-    found, share = told(beat + slow(rng, time, 1.0, 0.5), time, run)["C"]
-    assert found == pytest.approx(frequency, abs=0.01) and 0.2 < share < 0.5
+    found, share, mains = told(beat + slow(rng, time, 1.0, 0.5), time, run)["C"]
+    assert found == pytest.approx(frequency, abs=0.01) and 0.2 < share < 0.5 and not mains
+
+
+@pytest.mark.parametrize(("frequency", "rate", "said"), [
+    (50.02, 250.0, True), (60.0, 250.0, True), (40.0, 100.0, True), (20.05, 80.0, True), (47.0, 250.0, False),
+    (1.2, 98.8, False), (33.0, 100.0, False)])
+def test_mains_are_known_by_their_frequency_also_where_sampling_folds_it(frequency, rate, said):
+    assert of_mains(frequency, rate) is said
 
 
 @pytest.mark.parametrize("memory", [0.05, 1.0, 8.0])
