@@ -383,15 +383,16 @@ def _refuse_as_own(dataset, rivals):
 
 
 def _travels(dataset, model, rivals):
-    """What memories of friction that are refused as the machine's own travel say of it, unless the study tells one."""
+    """What the best memory of friction that is refused as the machine's own travel says of it; nothing if told."""
     refused = [f for f in rivals if f.refused == OWN and f.p_value < LEVEL
                and effect_question(dataset.library, find_effect(dataset.library, f.effect)).states]
     told, question = dataset.study.parameters, dataset.ask(model)
     known = any(f"{c}.travel" in told and told[f"{c}.travel"].value is not None for c in model.segments)
     if not refused or known or dataset.averaged or question.late or question.held:
         return {}
-    larger = [compile_model(dataset.library, model.rig, [*model.keys, f.key]) for f in refused]
-    return travels(dataset, model, [(m, f.fit) for m, f in zip(larger, refused)], 1 - ALIKE)
+    best = min(refused, key=lambda f: f.selection.white.sum())
+    larger = compile_model(dataset.library, model.rig, [*model.keys, best.key])
+    return travels(dataset, model, larger, best.fit, 1 - ALIKE)
 
 
 def _percent(share):

@@ -103,7 +103,7 @@ def left_of(dataset, model, fit, free=None):
     return dataset.residuals(model, free, fit.parameters, "fit").residual([fit.parameters[n] for n in free])
 
 
-def travels(dataset, model, refused, least):
+def travels(dataset, model, larger, fit, least):
     """Travels over which the machine's own friction builds up, where they are others than the rig's.
 
     One factor for all segments first, then one of its own for a segment where that takes more than luck.
@@ -114,17 +114,18 @@ def travels(dataset, model, refused, least):
         Its fit part was fitted.
     model : Model
         With the effects that are in by now, none of which delays or filters a torque.
-    refused : list of (Model, Fit)
-        That model with memories of friction that are the machine's own travel.
+    larger : Model
+        That model with a memory of friction that is the machine's own travel.
+    fit : Fit
+        Of the larger one.
     least : float
-        Of what the best of those takes, that the travels must take.
+        Of what that memory takes, that the travels must take.
 
     Returns
     -------
     dict of str to float
         By parameter, as ``s1A.travel``: [rad] or [m]. Empty where the rig's explain as much.
     """
-    larger, fit = min(refused, key=lambda r: float((r[1].weights[:, None] ** 2 * left_of(dataset, *r) ** 2).sum()))
     here = Followed(dataset, model, fit)
     skip = max(here.residual.shape[1] // ENOUGH, 1)
     residual, left = here.residual[:, ::skip], here.squares(left_of(dataset, larger, fit)[:, ::skip])

@@ -297,8 +297,8 @@ def _sure(dataset, steps, last, seed, progress):
         end, unknown = steps[-1], last.verdict == "unexplained"
         if unknown:
             steps = [*steps[:-1], replace(end, fit=least_squares.widened(dataset, end.model, end.fit))]
-        level, attached = 1 - CHANCE / max(len(last.candidates), 1), {(e.id, p.name): (e, p) for e, p in
-                                                                      end.model.attached}
+        level = 1 - CHANCE / max(len(last.candidates), 1)
+        attached = {(e.id, p.name): (e, p) for e, p in end.model.attached}
         ended = [s.added for s in steps[1:] if pressed(end.model, end.fit, attached[s.added])]
         unsure = [s.added for s in steps[1:] if unknown and _may_be_nothing(steps[-1].fit, s, level)]
         if not ended + unsure:

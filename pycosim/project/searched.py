@@ -309,9 +309,12 @@ class Search(Recorded):
         """
         target = file_path(path, "report.html")
         self.project.say("writing the report")
+        notes = sentences.travels_text(self.project.own_travels)
+        if self.verdict == "nothing_missing":
+            notes += sentences.mains_text(self.last.record["channels"])
         try:
             charts = write_report(target, self.project.dataset, self.found, self.project.command,
-                                  self.project.check().checked, sentences.travels_text(self.project.own_travels))
+                                  self.project.check().checked, notes)
             if numbers is not None:
                 write_numbers(Path(numbers), charts)
         except OSError as error:

@@ -535,8 +535,18 @@ def between_of(result):
         result.get("between") and result["verdict"] == "unexplained") else []
 
 
-def _of_mains(channels):
-    """The beats of mains in what is left, which hide what is as small."""
+def mains_text(channels):
+    """The beats of mains in what is left, where nothing is missing: they hide what is as small.
+
+    Parameters
+    ----------
+    channels : dict or None
+        Of ``diagnosis.json``.
+
+    Returns
+    -------
+    list of str
+    """
     beats = {c: own["beat"] for c, own in (channels or {}).items() if own.get("beat")}
     told = [f"{c} ({number(b['frequency'])} Hz, {100 * b['share']:.0f} % of its squared error)"
             for c, b in beats.items()]
@@ -713,7 +723,7 @@ def _nothing(result, final):
     if best:
         line += (f": of {tested} candidates the likeliest is {best['effect']} at {best['place']}, "
                  f"p = {number(best['p_value'])} family-wise{but(best)}")
-    return [line + ".", *_of_mains(result["channels"]), _at_floor(result)]
+    return [line + ".", *mains_text(result["channels"]), _at_floor(result)]
 
 
 def but(best):

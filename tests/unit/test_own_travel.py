@@ -84,7 +84,7 @@ def test_a_travel_as_the_rig_s_is_no_other(tmp_path, monkeypatch):
 
 
 def test_a_search_takes_the_machine_s_own_travel(tmp_path):
-    """A friction that falls with speed is beside it: taken as sliding at once, it came out a quarter too small."""
+    """A friction that falls with speed is beside it: taken as sliding at once, its size was 0.35 for 0.15."""
     fall = 0.5
 
     def friction(time, way):
