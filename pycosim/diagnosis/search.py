@@ -23,6 +23,7 @@ AHEAD = 3  # effects that the search goes on with, to see whether a coefficient 
 SHOWN = 3  # pairs that are told where they do better than one effect, or tried where as good a one is not constant
 CHANCE = 0.05  # that the interval of any of all candidates is off, where what is left is unexplained
 NOTHING = "its size differs from block to block by so much that it may be none"
+ALONE = "without an effect that was taken out, its size is not the same all over the data"
 TOGETHER = 3  # effects of a ladder up to which two are looked for, or exchanged, at once
 
 
@@ -290,7 +291,8 @@ def improve(dataset, model=None, seed=0, progress=None):
 def _sure(dataset, steps, last, seed, progress):
     """A path whose effects all have a size of their own; its last fit widened where something unknown is left.
 
-    None is held by a bound alone beside the others, nor may be none where something unknown is left.
+    None is held by a bound alone beside the others, nor may be none where something unknown is left. What stays when
+    one is taken out must be the same all over the data without that one, as on any path.
     """
     out = {}
     while True:
@@ -305,6 +307,9 @@ def _sure(dataset, steps, last, seed, progress):
             return steps, last
         out |= dict.fromkeys(unsure, NOTHING) | dict.fromkeys(ended, ENDLESS)
         steps = _ladder(dataset, steps[0], [s for s in steps[1:] if s.added not in out])
+        while len(steps) > 1 and _shortfall(dataset, steps, last.noise, 1, seed) > 1.0:
+            out[steps[-1].added] = ALONE
+            steps = _ladder(dataset, steps[0], steps[1:-1])
         last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed, progress, False)
         last.refuse(out)
         if last.winner is not None and len(out) < MOST:
