@@ -123,6 +123,7 @@ class Scores:
         """
         gram = self._of_all(self._thin_moments())
         best, *more = self._path(gram, 0.02)
+        self._noise_of(best)
         if any(self._beyond_chance(*self._used(beta)) for beta in more):
             best = more[-1]
         elif more:
@@ -177,14 +178,21 @@ class Scores:
         return beta, parts
 
     def _beyond_chance(self, parts, choices):
-        """Whether columns, each the sum of a part, make the samples likelier than the best of all does by chance."""
-        gain, told = 0.0, 0
+        """Whether columns, each the sum of a part, make the samples likelier than the best of all does by chance.
+
+        Where few independent values tell the noise, the base and the columns leave fewer, and chance gains more: as in
+        the ratio of variances, not in that to a known one.
+        """
+        gain, told, known = 0.0, 0, -float(self.p)
         for c, residual in enumerate(self.table.residual):
             columns = np.array([row for part in parts if (row := sum(self.columns[k][c] for k in part)).any()])
             if len(columns):
                 gain += likelier(residual, self.table.chain, self.table.slope[c], columns)
                 told += len(columns)
-        return told > 0 and gain > 0.5 * special.chdtri(told, LEVEL / choices)
+                known += self.noise[c].independent(self.table.chain)
+        left = max(known - told, 1.0)
+        return told > 0 and gain > 0.5 * (known + self.p) * np.log1p(
+            told / left * special.fdtri(told, left, 1 - LEVEL / choices))
 
     def _left_by(self, beta):
         """Residual of each channel that a combination of rows leaves."""
