@@ -135,6 +135,34 @@ class Noise:
         kept = np.exp(-chain.gaps / self.memory)
         return float(np.sum((1 - kept) / (1 + kept)))
 
+    def freedom(self, chain):
+        """Degrees of freedom that samples tell the noise of something slow with, where they tell it at all.
+
+        The slow part is told by as many values as it has beside the white one, which is the trace of its smoother; the
+        white one by all samples. Both are pooled as of variances [1]_.
+
+        Parameters
+        ----------
+        chain : Chain
+            Time between neighbouring samples, and where the noise starts anew.
+
+        Returns
+        -------
+        float
+
+        References
+        ----------
+        .. [1] Satterthwaite, F. E. (1946). An approximate distribution of estimates of variance components. Biometrics
+               Bulletin 2(6).
+        """
+        inside = chain.gaps[np.isfinite(chain.gaps)]
+        if self.slow == 0.0 or not len(inside):
+            return float(len(chain))
+        memories = len(chain) * float(np.median(inside)) / self.memory
+        over = 2.0 * (self.slow / self.white) ** 2 * len(chain) / memories  # density of the slow part at rest
+        values = 0.5 * memories * over / math.sqrt(1.0 + over)
+        return (1.0 + over) ** 2 / (over**2 / values + 1.0 / len(chain))
+
     def whiten(self, values, chain):
         """Innovations of ``values`` along the last axis, in units of their standard deviation.
 

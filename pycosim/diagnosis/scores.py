@@ -189,7 +189,7 @@ class Scores:
             if len(columns):
                 gain += likelier(residual, self.table.chain, self.table.slope[c], columns)
                 told += len(columns)
-                known += self.noise[c].independent(self.table.chain)
+                known += self.noise[c].freedom(self.table.chain)
         left = max(known - told, 1.0)
         return told > 0 and gain > 0.5 * (known + self.p) * np.log1p(
             told / left * special.fdtri(told, left, 1 - LEVEL / choices))

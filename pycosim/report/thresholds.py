@@ -39,6 +39,8 @@ _REST = {
                 "standard errors by which a dependence must lower the error on unseen blocks"),
     "above_floor": ("diagnosis.remainder.SLOW",
                     "squared error over that of the noise floor above which something is left"),
+    "above_floor_turning": ("diagnosis.remainder.SIGNED",
+                            "the same where what is left changes its sign as a segment turns"),
     "visible": ("diagnosis.remainder.VISIBLE", "error over the size of the signal above which something is left"),
     "guess": ("diagnosis.lack_of_fit.ENOUGH",
               "share of the energy beyond noise that a guessed shape must explain on unseen folds"),

@@ -88,9 +88,13 @@ def test_a_loss_that_grows_in_time_is_no_warm_up(tmp_path):
 
 @pytest.mark.parametrize("case", [
     "outside_gait:load_speed:1.3:5000004", pytest.param("outside_digital:load_speed:2.4:12001", marks=pytest.mark.slow),
+    pytest.param("outside_digital:backward_drag:2.4:273000007", marks=pytest.mark.slow),
     pytest.param("outside_digital:tide:2.4:12000", marks=pytest.mark.slow)])
 def test_a_law_of_another_kind_is_no_viscosity_with_an_asymmetry_and_no_preload(case, tmp_path):
-    """One over the load does as well as the asymmetry; what ebbs in time leaves more than the preload takes."""
+    """One over the load does as well as the asymmetry; what ebbs in time leaves more than the preload takes.
+
+    Without the asymmetries that are taken out in the end, a viscosity is not the same all over the data.
+    """
     first, last, found, shown = hidden(case, tmp_path)
     assert (first, last, found) == ("unexplained", "unexplained", []), shown
 

@@ -98,8 +98,11 @@ def test_nothing_is_missing_in_runs_of_different_loads(tmp_path, seed):
 
 
 @pytest.mark.parametrize("case", [
-    "outside:tide:1.7:224", pytest.param("outside:intermittent:1.7:218", marks=pytest.mark.slow), "plain:none::224"])
+    "outside:tide:1.7:224", pytest.param("outside:intermittent:1.7:218", marks=pytest.mark.slow), "plain:none::224",
+    "outside:wear:1.3:273000008", pytest.param("outside_digital:wear:1.3:273000008", marks=pytest.mark.slow),
+    pytest.param("outside:intermittent:1.3:273000016", marks=pytest.mark.slow)])
 def test_what_is_slower_than_noise_is_not_nothing(case, tmp_path):
+    """The last three have 1.6 to 1.97 times the squares of their floor, of the other sign after each turn."""
     result = search.improve(Dataset(load_study(make(case, tmp_path, quick=True)), Library()))
     slow = [own["slow"] for own in result.first.channels.values()]
     assert result.first.verdict == ("nothing_missing" if ":none:" in case else "unexplained") and len(result.steps) == 1

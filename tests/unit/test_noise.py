@@ -168,6 +168,19 @@ def test_a_column_makes_noise_alone_likelier_by_half_a_chi_squared(slow, memory)
     assert np.count_nonzero(np.array(found) > 3.84) <= 6  # 2 of 40 expected; more than 6 once in 300
 
 
+@pytest.mark.parametrize("noise", [Noise(1.0, 0.4, 1.0), Noise(1.0, 2.0, 3.0), Noise(1.0, 0.0, 0.0)])
+def test_slow_noise_is_told_by_as_many_values_as_it_has_beside_the_white(noise):
+    """The trace of its smoother, as matrices; white noise alone by all samples."""
+    time = 0.01 * np.arange(1500)
+    chain = chained(time, np.zeros(len(time)), True)
+    if not noise.slow:
+        assert noise.freedom(chain) == len(time)
+        return
+    slow = noise.slow**2 * np.exp(-np.abs(time[:, None] - time) / noise.memory)
+    values = np.trace(np.linalg.solve(slow + noise.white**2 * np.eye(len(time)), slow))
+    assert noise.freedom(chain) == pytest.approx(values, rel=0.15)
+
+
 def test_a_column_that_is_there_makes_samples_likelier_by_what_it_explains():
     """As a known noise tells: half its squares, whitened; beside a derivative that goes with it, less."""
     rng, time = np.random.default_rng(0), 0.01 * np.arange(2000)

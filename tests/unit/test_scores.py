@@ -79,7 +79,7 @@ def test_the_best_of_hundreds_of_columns_is_beyond_chance_where_one_is_there(slo
 
 @pytest.mark.long
 def test_where_the_base_has_taken_most_values_of_slow_noise_columns_take_the_rest_by_chance():
-    """The fall of a channel with some fifteen independent values, of which eight parameters have taken theirs."""
+    """By as much as in a log with any number of them, two of these 40 had something that is missing."""
     seen = 0
     for seed in range(40):
         noise, columns = drawn(seed)
