@@ -19,7 +19,7 @@ from ..fit import least_squares
 from ..fit.late import endless
 from . import first_look
 from .compare import errors
-from .constancy import allowed, constancy
+from .constancy import constancy
 from .crossval import difference, select
 from .dependence import RELEVANT, dependence, noise_floor
 from .excitation import smallest, undetectable, varied
@@ -155,7 +155,7 @@ def _steady(finding, dataset, model, fit, base, seed):
     """Whether a finding has the same coefficient all over the data, and what is left beside it does not outweigh it."""
     larger = compile_model(dataset.library, model.rig, [*model.keys, finding.key])
     law, own = constancy(dataset, larger, finding.fit)[finding.key], finding.selection
-    if law.gain * own.raw.sum() > allowed(larger.attached[-1][0]) * difference(base.raw, own.raw)[0]:
+    if law.short(larger.attached[-1][0], base, own) > 1.0:
         finding.varies_with = law.variable
     risen = rises(dataset, (model, fit), (larger, finding.fit))
     share, variable = remaining(dependence(dataset, larger, finding.fit, seed), base, own, law.follows, risen,

@@ -9,7 +9,7 @@ from ..compile import compile_model, component_called, corrections, find_effect,
 from ..core.errors import PycosimError, StudyError
 from ..fit import least_squares
 from . import compare, pairs
-from .constancy import allowed, as_good_a_law, constancy
+from .constancy import as_good_a_law, constancy
 from .crossval import difference, select
 from .decide import ENDLESS, OPEN, diagnose, scored
 from .dependence import dependence
@@ -483,7 +483,7 @@ def _shortfall(dataset, steps, noise, known, seed):
             return float("inf")
         worst = max(worst, beyond(risen(model, fit), alone) / (LEFT * takes))
         effect = next(e for e, p in steps[-1].model.attached if (e.id, p.name) == out.added)
-        worst = max(worst, told[out.added].gain * full.raw.sum() / (allowed(effect) * takes))
+        worst = max(worst, told[out.added].short(effect, alone, full))
         if any(as_good_a_law(here, (model, fit), (steps[-1].model, steps[-1].fit), k) for k in added if k != out.added):
             return float("inf")
     return worst

@@ -14,7 +14,9 @@ from pycosim.diagnosis.constancy import (
     SURE,
     _follows,
     _free,
+    _Law,
     _Laws,
+    _own_lines,
     _pieces,
     _placebos,
     _sided,
@@ -109,6 +111,30 @@ def test_a_viscosity_that_grows_with_the_square_of_a_load_is_seen_in_the_magnitu
     assert np.all(size > 1) and np.median(line) < 1
     right = np.array([_by_load(lambda w, load: 0.3 * np.sign(w) + 0.2 * w, s) for s in range(60)])
     assert ((right > 1).sum(0) <= binom.ppf(0.999, 60, 0.01)).all()
+
+
+def _at_two_stages(law, seed):
+    """Errors over the bar of a viscosity of two stages by the load of either, and of each by its own, at most."""
+    rng, t = np.random.default_rng(seed), np.arange(3600)
+    speed = rng.uniform(0.5, 2.0, 30).repeat(120) * np.sin(2 * np.pi * t / 120)
+    loads = {"a": 1.0 + 0.5 * np.sin(2 * np.pi * t / 400 + 0.4), "b": 1.0 + 0.5 * np.sin(2 * np.pi * t / 310)}
+    one, other = speed, np.roll(speed, 30)
+    slopes = np.array([np.sign(one) + np.sign(other), one + other])
+    measured = 0.3 * slopes[0] + law(one, loads["a"]) + law(other, loads["b"]) + 0.1 * rng.normal(size=t.size)
+    x = np.linalg.lstsq(slopes.T, measured, rcond=None)[0]
+    parts = {n: x[1] * w[None] for n, w in (("a", one), ("b", other))}
+    laws = _Laws(sum(parts.values()), slopes[None], _pieces(np.repeat(np.arange(30), 120)))
+    left, own = (measured - x @ slopes)[None], _own_lines({f"load@{n}": v for n, v in loads.items()}, parts)
+    assert [law.name for law in own] == ["load@a"]
+    alone = max(laws.gain(left, _straight(v))[1] for v in loads.values())
+    return alone / SURE, laws.told(left, own[0].varied())[1] / SURE
+
+
+def test_a_viscosity_of_two_stages_that_grows_with_the_load_of_each_is_seen_by_the_load_of_each():
+    alone, own = np.array([_at_two_stages(lambda w, load: 0.2 * w * (0.8 + 0.2 * load), s) for s in range(10)]).T
+    assert np.median(own) > 1 > np.median(alone), (own, alone)
+    right = np.array([_at_two_stages(lambda w, load: 0.2 * w, s)[1] for s in range(60)])
+    assert (right > 1).sum() <= binom.ppf(0.999, 60, 0.01)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -272,7 +298,7 @@ def _beyond_placebos(added, slope, pieces, left, speed, rng):
     """Whether a line, and levels, gain more than chance and than the signal itself at other times."""
     tried = _tried(left, slope[None], added[None], pieces, speed)
     laws = _Laws(added[None], slope[None], pieces)
-    return [errors > 1 and gain > max(_placebos(laws, left, function, rng))
+    return [errors > 1 and gain > max(_placebos(laws, left, _Law("", SURE, {0: laws.added}, {0: function}), rng))
             for (gain, errors), function in zip(tried, (_straight(speed), _free(levels(speed))))]
 
 
