@@ -231,9 +231,10 @@ def as_good_a_law(dataset, before, after, key):
         Unseen stretches do not tell some such law from the further effects, as of two rivals.
     """
     (model, fit), (larger, found) = before, after
-    slope, left, index, pieces, _ = _seen(dataset, model, fit)
+    slope, left, index, pieces, thin = _seen(dataset, model, fit)
     more = _seen(dataset, larger, found)[0][:, [k for k, n in enumerate(found.free) if n not in fit.free]]
-    added = _added(model, fit, *next(a for a in model.attached if (a[0].id, a[1].name) == key), slope)
+    effect, place = next(a for a in model.attached if (a[0].id, a[1].name) == key)
+    added = _added(model, fit, effect, place, slope)
     values = explanations(dataset, model, fit, index)
     if max(_follows(added, values, {n: levels(v) for n, v in values.items()}).values(), default=1.0) < OWN:
         return False
@@ -241,8 +242,9 @@ def as_good_a_law(dataset, before, after, key):
     takes, spread = difference(none, other)
     if takes <= SEPARATE * spread:  # without bounds the base model does what the further effects do
         return False
-    for v in (v for n in values for v in _sided(values[n]) if np.ptp(v) > 0):
-        one = _unseen(np.concatenate([slope, (added * _straight(v))[:, None]], axis=1), left, pieces)
+    lines = [_Law(n, SURE, {n: added}, {n: _straight(v)}) for n in values for v in _sided(values[n]) if np.ptp(v) > 0]
+    for law in lines + _own_lines(values, _parts(dataset, model, fit, effect, place, thin)):
+        one = _unseen(np.concatenate([slope, law.varied()], axis=1), left, pieces)
         behind, spread = difference(one, other)
         if behind <= SEPARATE * spread and behind < ALIKE * takes:
             return True

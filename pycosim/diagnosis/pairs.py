@@ -19,7 +19,7 @@ from .finding import Finding
 from .rivals import SEPARATE, alike, behind, by_kind
 from .scores import LEVEL, Scores
 from .table import Table
-from .trials import TRIAL, holds_nothing, measure, no_effect, nudged, start_of, told_from_nothing
+from .trials import OWN, TRIAL, holds_nothing, measure, no_effect, nudged, start_of, told_from_nothing
 
 APART = 0.02
 """Of what one effect changes, that must be left beside the other: two that are nearly one have no size of their own."""
@@ -183,7 +183,7 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
                       {len(own) + 1: least[len(own)] + 2.0})
     alone = select(here, without, lacking, noise)
     found = _refitted(here, without, winner.fit, lacking, some, noise, alone, progress)
-    found = [p for p in found if _as_well(p.selection, winner.selection)]
+    found = [p for p in found if _as_well(p.selection, winner.selection) and not _has_own(here, p)]
     for pair in found:
         pair.doubted = pair.doubted and _little_of_load(here, pair)
     if clear := [p for p in found if _outdoes(p, winner, luck)]:
@@ -254,6 +254,11 @@ def _certain(dataset, pair):
     return all(f.p_value < LEVEL and _is_some(dataset, pair, f, attached)
                and no_effect(dataset, pair.model, pair.fit, attached) is None
                for f, attached in zip(pair.findings, pair.attached))
+
+
+def _has_own(dataset, pair):
+    """Whether one of a pair is the machine's own travel, which is no name, and contests none."""
+    return any(no_effect(dataset, pair.model, pair.fit, attached) == OWN for attached in pair.attached)
 
 
 def _is_some(dataset, pair, finding, attached):

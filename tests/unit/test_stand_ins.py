@@ -87,6 +87,7 @@ def _as_good(law, load, seed, monkeypatch):
     monkeypatch.setattr(constancy, "_seen", lambda dataset, model, fit: (
         seen[len(fit.free)], (measured - x @ slopes[:2])[None], None, _pieces(np.repeat(np.arange(30), 120)), 1))
     monkeypatch.setattr(constancy, "_added", lambda *given: (x[1] * speed)[None])
+    monkeypatch.setattr(constancy, "_parts", lambda *given: {})
     monkeypatch.setattr(constancy, "explanations", lambda *given: {"load": load, "speed": speed})
     before, after = ((SimpleNamespace(attached=[viscous]), SimpleNamespace(free=free)) for free in ("fb", "fba"))
     return as_good_a_law(None, before, after, ("viscous", "gear"))
