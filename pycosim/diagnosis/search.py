@@ -23,6 +23,7 @@ AHEAD = 3  # effects that the search goes on with, to see whether a coefficient 
 SHOWN = 3  # pairs that are told where they do better than one effect, or tried where as good a one is not constant
 CHANCE = 0.05  # that the interval of any of all candidates is off, where what is left is unexplained
 NOTHING = "its size differs from block to block by so much that it may be none"
+MANY = "as many others do as well beside the other effects as leave no name"
 ALONE = "without an effect that was taken out, its size is not the same all over the data"
 TOGETHER = 3  # effects of a ladder up to which two are looked for, or exchanged, at once
 
@@ -291,10 +292,11 @@ def improve(dataset, model=None, seed=0, progress=None):
 def _sure(dataset, steps, last, seed, progress):
     """A path whose effects all have a size of their own; its last fit widened where something unknown is left.
 
-    None is held by a bound alone beside the others, nor may be none where something unknown is left. What stays when
-    one is taken out must be the same all over the data without that one, as on any path.
+    None is held by a bound alone beside the others, has too many alternatives there, nor may be none where something
+    unknown is left. What stays when one is taken out must be the same all over the data without that one, as on any
+    path.
     """
-    out = {}
+    out, refines = {}, corrections(dataset.library)
     while True:
         end, unknown = steps[-1], last.verdict == "unexplained"
         if unknown:
@@ -303,9 +305,10 @@ def _sure(dataset, steps, last, seed, progress):
         attached = {(e.id, p.name): (e, p) for e, p in end.model.attached}
         ended = [s.added for s in steps[1:] if pressed(end.model, end.fit, attached[s.added])]
         unsure = [s.added for s in steps[1:] if unknown and _may_be_nothing(steps[-1].fit, s, level)]
-        if not ended + unsure:
+        many = [s.added for s in steps[1:] if len(steps) > 2 and _nameless(s, refines)]
+        if not ended + unsure + many:
             return steps, last
-        out |= dict.fromkeys(unsure, NOTHING) | dict.fromkeys(ended, ENDLESS)
+        out |= dict.fromkeys(many, MANY) | dict.fromkeys(unsure, NOTHING) | dict.fromkeys(ended, ENDLESS)
         steps = _ladder(dataset, steps[0], [s for s in steps[1:] if s.added not in out])
         while len(steps) > 1 and _shortfall(dataset, steps, last.noise, 1, seed) > 1.0:
             out[steps[-1].added] = ALONE

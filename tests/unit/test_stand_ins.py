@@ -387,6 +387,33 @@ def _diagnosis(verdict, *names, accepted=None):
     return Diagnosis(verdict, {}, {}, found, [], [], channels={"C": {"verdict": verdict}})
 
 
+DATA = SimpleNamespace(library=None)
+
+
+def _path(monkeypatch, *steps, short=0.5):
+    """Steps of a search, as its end sees them, where all else is told by the diagnosis of a test."""
+    monkeypatch.setattr(search, "corrections", lambda library: {})
+    monkeypatch.setattr(search.least_squares, "widened", lambda dataset, model, fit: fit)
+    monkeypatch.setattr(search, "_ladder", lambda dataset, base, steps: [base, *steps])
+    monkeypatch.setattr(search, "_shortfall", lambda dataset, steps, *given: short)
+    attached = [(SimpleNamespace(id=e), SimpleNamespace(name=p)) for e, p in (s.added for s in steps)]
+    model = SimpleNamespace(attached=attached, keys=[s.added for s in steps])
+    return [search.Step(None, model, steps[0].fit, {}, {}), *(replace(s, model=model) for s in steps)]
+
+
+def test_what_has_too_many_alternatives_beside_another_is_told_as_a_class(monkeypatch):
+    """A centre of mass had twelve, beside a constant torque, once each was asked for beside the other."""
+    centre, torque = ("reference_centre", "shank"), ("torque_offset", "motor2")
+    fit = _Fit({"reference_centre_shank.c": (0.01, 0.001), "torque_offset_motor2.o": (1.0, 0.1)})
+    path = _path(monkeypatch, _step(*centre, fit, ["c"]), _step(*torque, fit, ["o"]))
+    others = "joint_spring", "reference_zero", "viscous", "dwell"
+    path[1].finding.twins = [{"effect": e, "place": "a"} for e in others]
+    monkeypatch.setattr(search, "pressed", lambda *given: False)
+    monkeypatch.setattr(search, "diagnose", lambda *given: _diagnosis("unexplained", centre))
+    steps, last = search._sure(DATA, path, _diagnosis("nothing_missing", centre), 0, None)
+    assert [s.added for s in steps] == [None, torque] and last.verdict == "unexplained"
+
+
 @pytest.mark.parametrize(("bound", "short"), [(None, 0.5), ("reference_gain", 0.5), (None, 2.0)])
 def test_what_may_have_no_size_beside_something_unknown_is_taken_out_and_stays_out(bound, short, monkeypatch):
     """A gain of 0.42, and a ripple of half a cycle, stood in for laws that nobody knows.
@@ -396,18 +423,13 @@ def test_what_may_have_no_size_beside_something_unknown_is_taken_out_and_stays_o
     """
     gain, drag = ("reference_gain", "knee"), ("viscous", "2A")
     fit = _Fit({"reference_gain_knee.g": (0.6, 0.58), "viscous_2A.b": (1.0, 0.1)})
-    model = SimpleNamespace(attached=[(SimpleNamespace(id=e), SimpleNamespace(name=p)) for e, p in (gain, drag)])
-    path = [search.Step(None, model, fit, {}, {}), _step(*gain, fit, ["g"]), _step(*drag, fit, ["b"])]
-    path = [replace(s, model=model) for s in path]
+    path = _path(monkeypatch, _step(*gain, fit, ["g"]), _step(*drag, fit, ["b"]), short=short)
     monkeypatch.setattr(search, "pressed", lambda model, fit, attached: attached[0].id == bound)
-    monkeypatch.setattr(search.least_squares, "widened", lambda dataset, model, fit: fit)
-    monkeypatch.setattr(search, "_ladder", lambda dataset, base, steps: [base, *steps])
     monkeypatch.setattr(search, "diagnose", lambda *given: _diagnosis("missing_effect", gain, drag, accepted=gain))
-    monkeypatch.setattr(search, "_shortfall", lambda dataset, steps, *given: short)
-    steps, last = search._sure(None, path, _diagnosis("unexplained", gain, drag), 0, None)
+    steps, last = search._sure(DATA, path, _diagnosis("unexplained", gain, drag), 0, None)
     assert [s.added for s in steps] == ([None, drag] if short < 1 else [None])
     assert (last.verdict, last.channels["C"]["verdict"], last.winner) == ("unexplained", "unexplained", None)
     assert last.candidates[0].refused == (search.ENDLESS if bound else search.NOTHING)
     known = _diagnosis("nothing_missing", gain)
-    steps = search._sure(None, path, known, 0, None)[0]
+    steps = search._sure(DATA, path, known, 0, None)[0]
     assert [s.added for s in steps] == ([None, drag] if bound else [None, gain, drag])  # none is taken out for others
