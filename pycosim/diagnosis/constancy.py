@@ -34,7 +34,8 @@ same signal at other times gains as much by that."""
 OWNS = "load", "speed", "angle"
 """Variables of a segment on which its law may depend otherwise than the effect has it. For a viscosity that is one of
 speed times load, at both first stages, the largest gain by the load of one of them was 0.0045, at 2.8 standard errors,
-and is 0.032 by that of each, at 7.4. Ten right laws at two segments gained 0.0001 to 0.013 so, at 2.2 at most."""
+and is 0.032 by that of each, at 7.4. Eleven right laws at two segments gained 0.037 at most so, and none of them beyond
+2.2 standard errors."""
 PIECES = 100
 """Stretches that the data are cut into. A fold of whole blocks leaves out what one of them alone shows: the fastest
 stride of a gait is one of thirty, and holds half of what a law of the speed adds."""
@@ -160,13 +161,13 @@ class _Law:
 
 def _most(laws, tried, left, roundings, rng):
     """The largest gain that is sure, and more than placebos', less what rounding may make of it; and its variable."""
-    asked = [(*laws.told(left, law.varied()), law) for law in tried]
+    asked = [(*laws.gain(left, law.varied()), law) for law in tried]
     for gain, _, law in sorted((t for t in asked if t[1] > t[2].sure), key=lambda t: -t[0]):
         if gain <= 0.0:
             break
-        others = _placebos(laws, left, law, rng)
+        others, varied = _placebos(laws, left, law, rng), law.varied()
         # a sawtooth is a function of its angle whatever it is multiplied by
-        rounded = max((max(laws.told(r, law.varied())[0], 0.0) for r in roundings), default=0.0)
+        rounded = max((max(laws.gain(r, varied)[0], 0.0) for r in roundings), default=0.0)
         beyond = gain - np.median(others or [0.0]) - rounded
         if gain > max(others, default=0.0) and beyond > 0.0:
             return float(beyond), law.name
@@ -185,16 +186,18 @@ def _parts(dataset, model, fit, effect, place, thin):
     bases = {n: component_name(effect, single[n]) for n in names}
     for base in bases.values():
         values |= {base + c[len(whole):]: v for c, v in fit.parameters.items() if c.startswith(whole + ".")}
-    free = [base + c[len(whole):] for base in bases.values() for c in sizes]
-    slopes = _slopes(dataset, apart, fit, free, values, thin)
-    return {n: sum(next(slopes) * size for size in sizes.values()) for n in names}
+    found = {}
+    for n, base in bases.items():
+        free = [base + c[len(whole):] for c in sizes]
+        slope = _slopes(dataset, apart, fit.weights, free, values, [values[f] for f in free], thin)
+        found[n] = sum(slope[:, k] * size for k, size in enumerate(sizes.values()))
+    return found
 
 
-def _slopes(dataset, model, fit, free, values, thin):
-    """Derivatives of the channels by some parameters, in units of the weights, one after the other."""
-    problem = dataset.residuals(model, free, values, "fit", dataset.exogenous()).thin(thin)
-    found = np.concatenate([j for _, _, j in problem.blocks(np.array([values[n] for n in free]))], axis=2)
-    return (fit.weights[:, None] * found[:, k] for k in range(len(free)))
+def _slopes(dataset, model, weights, free, parameters, x, thin):
+    """Derivatives by signals without noise, in units of the weights: shape (channels, free, n)."""
+    problem = dataset.residuals(model, free, parameters, "fit", dataset.exogenous()).thin(thin)
+    return weights[:, None, None] * np.concatenate([j for _, _, j in problem.blocks(np.asarray(x))], axis=2)
 
 
 def _own_lines(values, parts):
@@ -255,10 +258,9 @@ def _seen(dataset, model, fit):
     """Slopes by signals without noise and residual, in units of the weights; samples, stretches, every how many."""
     view = dataset.view("fit")
     problem = dataset.residuals(model, fit.free, fit.parameters, "fit")
-    sloped = dataset.residuals(model, fit.free, fit.parameters, "fit", dataset.exogenous())
     thin = max(1, problem.n // SAMPLES)
-    problem, sloped, index = problem.thin(thin), sloped.thin(thin), (view.i if dataset.paired else view)[::thin]
-    slope = fit.weights[:, None, None] * np.concatenate([j for _, _, j in sloped.blocks(fit.values)], axis=2)
+    problem, index = problem.thin(thin), (view.i if dataset.paired else view)[::thin]
+    slope = _slopes(dataset, model, fit.weights, fit.free, fit.parameters, fit.values, thin)
     return slope, fit.weights[:, None] * problem.residual(fit.values), index, _pieces(problem.block), thin
 
 
@@ -297,13 +299,13 @@ class _Laws:
         self.added, self.pieces = added, pieces
         size = np.sqrt((slope ** 2).sum((0, 2)))
         self.slope = (slope[:, size > 0] / size[size > 0, None])[..., self.order]
-        self.sorted, self.normal, self._lefts = added[:, self.order], self._moments(self.slope, self.slope), []
+        self.normal, self._lefts = self._moments(self.slope, self.slope), []
 
     def beside(self, other):
         """The laws of another signal, with that among the slopes as well."""
         size, laws = np.sqrt((other ** 2).sum()), copy(self)
-        laws.added, laws.sorted, laws._lefts = other, other[:, self.order], []
-        row, p = laws.sorted[:, None] / max(size, 1e-300), len(self.normal[0])
+        laws.added, laws._lefts = other, []
+        row, p = other[:, None, self.order] / max(size, 1e-300), len(self.normal[0])
         laws.slope = np.concatenate([self.slope, row], axis=1)
         laws.normal = np.zeros((FOLDS, p + 1, p + 1))
         laws.normal[:, :p, :p] = self.normal
@@ -327,11 +329,7 @@ class _Laws:
         self._lefts.append((left, row, side, self._noise(left), one))
         return self._lefts[-1][1:]
 
-    def gain(self, left, functions):
-        """As `told`, of the first law times each of some functions, shape (any, n)."""
-        return self.told(left, self.added[:, None] * functions)
-
-    def told(self, left, varied):
+    def gain(self, left, varied):
         """What the second law takes more of a residual than the first, unseen, and how many standard errors that is.
 
         ``varied``, shape (channels, any, n), make the second beside the first.
@@ -378,7 +376,7 @@ def _placebos(laws, left, law, rng):
         other = np.roll(own, int(n * shift), axis=1)
         if abs((other * own).sum()) > OTHER * size:
             continue
-        found.append(laws.beside(other).told(left, law.varied(int(n * shift)))[0])
+        found.append(laws.beside(other).gain(left, law.varied(int(n * shift)))[0])
         if len(found) == PLACEBOS:
             break
     return found

@@ -122,15 +122,17 @@ class Scores:
         beside any.
         """
         gram = self._of_all(self._thin_moments())
-        best, *more = self._path(gram, 0.02)
-        self._noise_of(best)
+        base, *more = self._path(gram, 0.02)
+        self._noise_of(base)
+        best = None
         if any(self._beyond_chance(*self._used(beta)) for beta in more):
             best = more[-1]
         elif more:
             alone, parts = self._alone(gram)
-            best = alone if self._beyond_chance(parts, len(self.candidates)) else best
-        self._noise_of(best)
-        return bool(best[self.p:].any())
+            best = alone if self._beyond_chance(parts, len(self.candidates)) else None
+        if best is not None:
+            self._noise_of(best)
+        return best is not None
 
     def _noise_beside_ripple(self):
         """The noise beside a ripple, where nothing else is missing and that is as slow as noise.
@@ -190,9 +192,10 @@ class Scores:
                 gain += likelier(residual, self.table.chain, self.table.slope[c], columns)
                 told += len(columns)
                 known += self.noise[c].freedom(self.table.chain)
-        left = max(known - told, 1.0)
-        return told > 0 and gain > 0.5 * (known + self.p) * np.log1p(
-            told / left * special.fdtri(told, left, 1 - LEVEL / choices))
+        if not told:
+            return False
+        left = max(known - told, 1.0)  # one over the share that is left at a chance of F, however small that is
+        return gain > -0.5 * (known + self.p) * np.log(special.betaincinv(0.5 * left, 0.5 * told, LEVEL / choices))
 
     def _left_by(self, beta):
         """Residual of each channel that a combination of rows leaves."""

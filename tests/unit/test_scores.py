@@ -89,6 +89,13 @@ def test_where_the_base_has_taken_most_values_of_slow_noise_columns_take_the_res
     assert seen <= 1
 
 
+def test_many_columns_that_are_there_are_beyond_chance():
+    """Seven of 300, chosen among 2e17: so small a chance is no rounding of one."""
+    noise, columns = drawn(0)
+    own = scored(0.1 * noise + columns[:7].sum(0), columns)
+    assert own._beyond_chance([[k] for k in range(7)], len(columns) ** 7)
+
+
 def test_what_several_stages_do_alike_is_asked_as_one():
     noise, columns = drawn(0)
     own = scored(0.3 * noise + columns[0] + columns[1], columns)

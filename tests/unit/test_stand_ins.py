@@ -54,7 +54,7 @@ def _gain(law, seed, blocks=30):
 def _tried(left, slope, added, pieces, speed):
     """Gain and errors over the bar of a coefficient that varies along a line, and level by level."""
     laws = _Laws(added, slope, pieces)
-    tried = ((laws.gain(left, function), bar) for function, bar in
+    tried = ((laws.gain(left, added[:, None] * function), bar) for function, bar in
              ((_straight(speed), SURE), (_free(levels(speed)), FREE)))
     return [(gain, errors / bar) for (gain, errors), bar in tried]
 
@@ -72,7 +72,7 @@ def _by_load(law, seed):
     load = np.sin(2 * np.pi * np.arange(block.size) / 400 + 0.4)
     left, slope, added = _fitted(lambda w: law(w, load), speed, rng)
     laws = _Laws(added, slope, _pieces(block))
-    return [laws.gain(left, _straight(v))[1] / SURE for v in _sided(load)]
+    return [laws.gain(left, added[:, None] * _straight(v))[1] / SURE for v in _sided(load)]
 
 
 def _as_good(law, load, seed, monkeypatch):
@@ -124,11 +124,12 @@ def _at_two_stages(law, seed):
     measured = 0.3 * slopes[0] + law(one, loads["a"]) + law(other, loads["b"]) + 0.1 * rng.normal(size=t.size)
     x = np.linalg.lstsq(slopes.T, measured, rcond=None)[0]
     parts = {n: x[1] * w[None] for n, w in (("a", one), ("b", other))}
-    laws = _Laws(sum(parts.values()), slopes[None], _pieces(np.repeat(np.arange(30), 120)))
+    added = sum(parts.values())
+    laws = _Laws(added, slopes[None], _pieces(np.repeat(np.arange(30), 120)))
     left, own = (measured - x @ slopes)[None], _own_lines({f"load@{n}": v for n, v in loads.items()}, parts)
     assert [law.name for law in own] == ["load@a"]
-    alone = max(laws.gain(left, _straight(v))[1] for v in loads.values())
-    return alone / SURE, laws.told(left, own[0].varied())[1] / SURE
+    alone = max(laws.gain(left, added[:, None] * _straight(v))[1] for v in loads.values())
+    return alone / SURE, laws.gain(left, own[0].varied())[1] / SURE
 
 
 def test_a_viscosity_of_two_stages_that_grows_with_the_load_of_each_is_seen_by_the_load_of_each():
