@@ -478,7 +478,7 @@ def _shortfall(dataset, steps, noise, known, seed):
     for out in steps[known:]:
         rest = [k for k in steps[-1].model.keys if k != out.added]
         model = compile_model(dataset.library, steps[0].model.rig, rest)
-        fit = least_squares.fit_without(dataset, model, steps[-1].fit.parameters)
+        fit = least_squares.fit_without(dataset, model, steps[-1].fit.parameters, noise=noise)
         here, full = fulls.beside(model)
         alone = select(here, model, fit, noise, full)
         takes, spread = difference(alone.raw, full.raw)
@@ -768,7 +768,7 @@ def _prune(dataset, steps, noise):
         for out in steps[1:-1]:
             rest = [s for s in steps[1:] if s is not out]
             model = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
-            fit = least_squares.fit_without(dataset, model, steps[-1].fit.parameters)
+            fit = least_squares.fit_without(dataset, model, steps[-1].fit.parameters, noise=noise)
             here, full = fulls.beside(model)
             rise, spread = difference(select(here, model, fit, noise, full).raw, full.raw)
             if rise <= spread:

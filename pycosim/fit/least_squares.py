@@ -26,7 +26,7 @@ from .bounded import NULL, bounded
 from .damped import ENOUGH, listed, solve
 from .moments import Moments
 
-NEAR = 1e-5  # of the squares of a few thousand samples, below which a step is left to those of all: noise tells no more
+NEAR = 1e-4  # of the squares of a few thousand samples, below which a step is left to those of all: noise tells no more
 HALVES = 12  # by which a size that changes nothing is brought to where it does
 MARGIN = 1e-6  # of the nominal value, that a fit keeps from its bounds: there derivatives are two-sided
 
@@ -366,13 +366,15 @@ def _fit(dataset, model, start, free, part, robust, most, noise, held):
 
     def told(x, moments):
         if moments is None:
-            slope, residual = np.concatenate([j for _, _, j in tidy.blocks(x)], axis=2), problem.residual(x)
-            return x, slope, residual, _cross_gram(problem, tidy, x, weights, robust)
+            residual, slopes = problem.residual(x), [(part, slope) for part, _, slope in tidy.blocks(x)]
+            gram = _crossed(slopes, residual, weights, robust)
+            return x, np.concatenate([slope for _, slope in slopes], axis=2), residual, gram
         return x, *moments.slope_and_residual(x), moments.gram(x, weights, True)
 
     start, tried = x, [told(*refine(x))]
     for side in (1, -1) if (flat := _flat(tried[0][1], free, model)) else ():
-        tried.append(told(*refine(_unstuck(tidy, start, side, flat, free, model))))
+        if (moved := _unstuck(tidy, start, side, flat, free, model)) is not start:
+            tried.append(told(*refine(moved)))
     x, slope, residual, gram = min(tried, key=lambda found: found[-1][-1, -1])
     found = result(problem, slope, residual, gram, x, free, variables, weights, noise, robust)
     for k in (free.index(n) for n in held if n in free):  # what is left pulls at it, but not to where less is left
@@ -395,15 +397,20 @@ def _flat(slope, free, model):
 
 
 def _unstuck(problem, x, side, flat, free, model):
-    """A start where sizes that change nothing are nearer to none, by halves, until they do; or on the other side."""
+    """A start where sizes that change nothing are nearer to none, by halves, until they do; or on the other side.
+
+    The start itself where they change nothing however small: a peak that is passed before the first sample.
+    """
+    def at(share):
+        return np.where(np.arange(len(x)) == k, none + side * share * (x[k] - none), x)
+
+    def felt(share):
+        return any(own[:, k].any() for _, _, own in problem.blocks(at(share)))
+
     for k in flat:
-        none, start = model.parameters[free[k]].value, x
-        for half in 0.5 ** np.arange(HALVES):
-            x = np.where(np.arange(len(x)) == k, none + side * half * (start[k] - none), start)
-            if any(own[:, k].any() for _, _, own in problem.blocks(x)):
-                break
-        else:
-            x = start
+        none, halves = model.parameters[free[k]].value, 0.5 ** np.arange(HALVES)
+        if felt(halves[-1]):
+            x = at(next(share for share in halves if felt(share)))
     return x
 
 
@@ -470,8 +477,8 @@ def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial)
     for _ in range(5):
         if moments is None:
             thin = max(1, problem.n // 4000)
-            few = [problem.thin(thin)] if thin > 1 else []
-            for part in few if trial and few else [*few, problem]:
+            few = [problem.thin(thin)] if thin > 1 or trial else []
+            for part in few if trial else [*few, problem]:
                 x = _solve(lambda z: part.gram(z, weights, robust), x, free, variables, 60,
                            ENOUGH if part is problem else NEAR)
             return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights, robust), x, free, variables, 4), None
@@ -485,13 +492,16 @@ def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial)
 
 def _cross_gram(problem, tidy, x, weights, robust):
     """Moments of noise-free derivatives and the measured residual."""
-    residual = problem.residual(x)
-    trust = np.sqrt(huber(residual)) if robust else np.ones_like(residual)
-    total = np.zeros((len(x) + 1, len(x) + 1))
-    for part, _, slope in tidy.blocks(x):
+    return _crossed(((part, slope) for part, _, slope in tidy.blocks(x)), problem.residual(x), weights, robust)
+
+
+def _crossed(slopes, residual, weights, robust):
+    """Moments of derivatives, part by part of the samples, and a residual of all."""
+    trust, total = np.sqrt(huber(residual)) if robust else np.ones_like(residual), 0.0
+    for part, slope in slopes:
         for c, weight in enumerate(weights):
             rows = np.concatenate([slope[c], residual[c][None, part]]) * (weight * trust[c, part])
-            total += rows @ rows.T
+            total = total + rows @ rows.T
     return total
 
 
@@ -506,12 +516,12 @@ def _instrumented(gram, x, free, variables, steps):
     for _ in range(steps):
         _, step = bounded(g[:-1, :-1], g[:-1, -1], low + margin - x, high - margin - x)
         there = np.clip(x + np.clip(step, -scale, scale), low + margin, high - margin)
+        if 2 * step @ g[:-1, -1] - step @ g[:-1, :-1] @ step < ENOUGH * g[-1, -1]:
+            return there
         after = gram(there)
         if not np.isfinite(after).all() or after[-1, -1] > 1.02 * g[-1, -1]:
             break  # far from where the derivatives hold
         x, g = there, after
-        if np.all(np.abs(step) < 1e-5 * scale):
-            break
     return x
 
 
