@@ -18,6 +18,7 @@ from . import consequence, sentences, values
 CHANGED = 0.02  # change of an error, relative, below which an effect is none of a controller's business
 STRETCH = 20.0  # s of the log's motion that a simulated controller follows: a few passes, and a second or two of work
 EXACT = 1e-3  # of a heat or a torque, relative: an error below it is none
+STANDS, MOSTLY = 0.01, 0.5  # of the fastest speed, below which a motor stands; of squared errors, which is most of them
 
 
 def feedforward(dataset, first, last):
@@ -127,9 +128,10 @@ def closed_loop(dataset, first, last):
     -------
     dict
         ``run``, ``from``, ``to`` [s]; ``bandwidth`` [Hz], ``damping``, ``gains`` (of angle and speed, by motor);
-        ``tracking_error``: by angle, ``unit``, ``rms`` and ``largest``, each before and after; ``heat``: by drive of a
-        motor that gives a torque, ``unit``, ``predicted`` (mean square that each model works out ahead) and ``given``
-        (what the motors of the simulated machine gave), each before and after.
+        ``tracking_error``: by angle, ``unit``, ``rms`` and ``largest``, each before and after, and ``standing``, the
+        part of the squares after that lies where all motors are to stand; ``heat``: by drive of a motor that gives a
+        torque, ``unit``, ``predicted`` (mean square that each model works out ahead) and ``given`` (what the motors of
+        the simulated machine gave), each before and after.
 
     Raises
     ------
@@ -144,8 +146,11 @@ def closed_loop(dataset, first, last):
     machine = last[0], last[1].parameters
     done = [tracking.track(*machine, model, fit.parameters, time, motion) for model, fit in (first, last)]
     angle, torque = dataset.base.along("rad"), dataset.base.along("N.m")
+    speeds = [np.abs(v) for n, v in motion.items() if n.endswith(".w")]
+    standing = np.all([s <= STANDS * s.max() for s in speeds], axis=0)[counts]
     error = {n: {"unit": angle, "rms": [_rms(t.error[n][counts]) for t in done],
-                 "largest": [float(np.max(np.abs(t.error[n][counts]))) for t in done]} for n in done[0].error}
+                 "largest": [float(np.max(np.abs(t.error[n][counts]))) for t in done],
+                 "standing": _share(done[1].error[n][counts] ** 2, standing)} for n in done[0].error}
     heat = {n: {"unit": f"{torque}2".replace("N.m2", "N2.m2"),
                 "predicted": [_rms(t.ahead[n][counts]) ** 2 for t in done],
                 "given": [_rms(t.drive[n][counts]) ** 2 for t in done]}
@@ -157,6 +162,11 @@ def closed_loop(dataset, first, last):
 
 def _rms(values):
     return float(np.sqrt(np.mean(values ** 2)))
+
+
+def _share(squares, some):
+    """Part of a sum that lies at some samples."""
+    return float(squares[some].sum() / max(squares.sum(), 1e-300))
 
 
 def _stretch(dataset):
@@ -267,15 +277,25 @@ def told(dataset, found):
            f"{loop['bandwidth']:g} Hz; an error goes with the inverse square of that frequency")
     if any(_changed(*e["rms"]) for e in loop["tracking_error"].values()):
         return [*lines, f"Tracking error and its heat are {how}. What the improved model leaves unexplained is not in "
-                "that machine."]
+                "that machine.", *_pushed(loop["tracking_error"])]
     worst = {n: e["rms"][1] for n, e in loop["tracking_error"].items()}
     kept = sentences.errors_text({n: 1e3 * v for n, v in worst.items()},
                                  {n: f"m{loop['tracking_error'][n]['unit']}" for n in worst})
     return [*lines, f"A controller's motion stays as it is: tracking error {kept} either way, {how}."]
 
 
+def _pushed(errors):
+    """Why a better model may track worse: a friction that is greatest at rest, given in full, pushes what stands."""
+    grown = [n for n, e in errors.items() if e["rms"][1] > (1 + CHANGED) * e["rms"][0] and e["standing"] > MOSTLY]
+    if not grown:
+        return []
+    shares = ", ".join(f"{sentences.percent(errors[n]['standing'])} % of the squared error of {n}" for n in grown)
+    return [f"It grows where the motors are to stand ({shares}): a friction that falls as they move, worked out ahead "
+            "in full, pushes them on there, and only the feedback holds them. Feed less of it forward near standstill."]
+
+
 def summary(found):
-    """What changes, in a sentence for a terminal.
+    """What changes, in sentences for a terminal.
 
     Parameters
     ----------
@@ -291,4 +311,4 @@ def summary(found):
     units = {n: f"m{e['unit']}" for n, e in errors.items()}
     ends = [{n: 1e3 * e["rms"][k] for n, e in errors.items() if _changed(*e["rms"])} for k in (0, 1)]
     return ["A controller that works its torque out ahead: simulated tracking error "
-            f"{sentences.change_text(*ends, units)}."] if ends[0] else []
+            f"{sentences.change_text(*ends, units)}.", *_pushed(errors)] if ends[0] else []

@@ -1,11 +1,19 @@
 """Claims about a simulated controller: its error is what is missing over its gain, and none where nothing is."""
 
-import numpy as np
-import pytest
+from types import SimpleNamespace
 
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import cumulative_trapezoid
+
+from benchmarks.real_logs.make import GEARED
 from pycosim.compile import Library, compile_model
 from pycosim.control import tracking
 from pycosim.core.errors import StudyError
+from pycosim.data.dataset import Dataset
+from pycosim.report import controller
+from pycosim.study.parse import load_study
 
 SPEED = 0.2  # m/s, or rad/s: past a start of half a second, the same throughout
 
@@ -60,3 +68,25 @@ def test_a_rig_that_does_not_say_what_its_motors_need_is_refused_in_words(librar
     time, motion = tracking.wanted_motion(np.linspace(0, 2, 50), {m: (0.0, np.ones(50)) for m in ("motor1", "motor2")})
     with pytest.raises(StudyError, match="a gravity_model or a compensate"):
         tracking.track(bare, {}, bare, {}, time, motion)
+
+
+@pytest.mark.parametrize("effect, size, grows", [("stribeck", {"fs": 0.05, "ws": 0.5}, True),
+                                                 ("viscous", {"b": 0.01}, False)])
+def test_a_friction_that_is_largest_at_rest_pushes_on_what_stands_and_the_page_says_so(
+        effect, size, grows, library, tmp_path):
+    time = np.arange(0, 12, 0.01)
+    way = 3.0 * np.clip(2.0 * np.sin(2 * np.pi * time / 6.0), -1, 1) ** 3  # comes to rest, stays, and goes back
+    way[np.abs(way) < 0.3] = 0.0
+    pd.DataFrame({"time": time, "theta": cumulative_trapezoid(way, time, initial=0), "omega": way, "tau": way,
+                  "C": 50 * way}).to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "study.toml").write_text(GEARED.replace("runs = []", 'runs = ["log.csv"]'))
+    data = Dataset(load_study(tmp_path / "study.toml"), library)
+    larger = compile_model(library, data.base.rig, [(effect, "gear")])
+    values = {n: v.value for n, v in larger.parameters.items()} | {f"{effect}_gear.{n}": v for n, v in size.items()}
+    known = SimpleNamespace(parameters={n: values[n] for n in data.base.parameters})
+    loop = controller.closed_loop(data, (data.base, known), (larger, SimpleNamespace(parameters=values)))
+    before, after = loop["tracking_error"]["q"]["rms"]
+    assert (after > before) == grows
+    found = {"closed_loop": loop, "feedforward": {}, "why_not": None}
+    said = [" ".join(lines) for lines in (controller.told(data, found), controller.summary(found))]
+    assert ["It grows where the motors are to stand" in text for text in said] == [grows, grows]
