@@ -705,6 +705,7 @@ def _doubled(dataset, steps, found, seed, progress):
         if sure := [s for s in path[len(steps):] if s.added in pair.common and not _nameless(s, refines)]:
             path = _ladder(dataset, steps[0], [*steps[1:], *sure])
             return path, diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
+    if pair is not None and (path is not None or last.verdict == "nothing_missing"):
         found.contest([p.told for p in some if p.clear][:SHOWN])
         return None, None
     if equal := [p.told for p in some if p.doubted or len(p.fit.free) <= len(winner.fit.free)]:
@@ -738,12 +739,13 @@ def _together(dataset, steps, some, seed, progress):
         if _shortfall(dataset, _joined(dataset, steps[0], steps[1:], pair), pair.fit.noise, len(steps), seed) <= 1.0:
             path, last = _followed(dataset, steps, pair, seed, progress)
             break
-    named = path is not None and _named(dataset, path, last.noise, len(steps), progress) == len(path)
-    return (path if named else None), last
+    if path is None:
+        return None, None
+    return (path if _named(dataset, path, last.noise, len(steps), progress) == len(path) else None), last
 
 
 def _followed(dataset, steps, pair, seed, progress):
-    """The ladder with a pair of effects, and a third where two need it, and its diagnosis; or None."""
+    """The ladder with a pair of effects, and a third where two need it, or None; and the diagnosis at its end."""
     path = _joined(dataset, steps[0], steps[1:], pair)
     while True:
         last = diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
@@ -751,7 +753,7 @@ def _followed(dataset, steps, pair, seed, progress):
             return path, last
         chosen = last.winner or last.provisional
         if chosen is None or len(path) - len(steps) >= AHEAD:
-            return None, None
+            return None, last
         path.append(_added(dataset, path, chosen, progress))
 
 
