@@ -399,18 +399,16 @@ def _flat(slope, free, model):
 def _unstuck(problem, x, side, flat, free, model):
     """A start where sizes that change nothing are nearer to none, by halves, until they do; or on the other side.
 
-    The start itself where they change nothing however small: a peak that is passed before the first sample.
+    The start itself where they change nothing however small, as a friction that has fallen before the slowest sample.
     """
-    def at(share):
-        return np.where(np.arange(len(x)) == k, none + side * share * (x[k] - none), x)
-
-    def felt(share):
-        return any(own[:, k].any() for _, _, own in problem.blocks(at(share)))
+    def felt(there, k):
+        return any(own[:, k].any() for _, _, own in problem.blocks(there))
 
     for k in flat:
-        none, halves = model.parameters[free[k]].value, 0.5 ** np.arange(HALVES)
-        if felt(halves[-1]):
-            x = at(next(share for share in halves if felt(share)))
+        none, own = model.parameters[free[k]].value, np.arange(len(x)) == k
+        nearer = [np.where(own, none + side * half * (x[k] - none), x) for half in 0.5 ** np.arange(HALVES)]
+        if felt(nearer[-1], k):
+            x = next(there for there in nearer if felt(there, k))
     return x
 
 

@@ -335,3 +335,12 @@ def test_two_effects_are_looked_for_in_the_place_of_one_of_one_coefficient(tmp_p
     assert found.verdict == "unexplained" and best.contested and best.together, found.sentences
     assert all("load_nonlinearity@1A" in pair and any(e.startswith("reference_") for e in pair)
                for pair in best.together), best.together
+
+
+@pytest.mark.slow
+def test_two_effects_that_leave_nothing_contest_one_that_leaves_something(tmp_path):
+    """A saturation of both motors for a law of the load and a wrong mass, which may do it alone if it varies."""
+    found = pc.open(make("reference_mass:load_nonlinearity:1.7:273000021", tmp_path, quick=True)).improve()
+    best = found.first.contested
+    assert (found.first.verdict, len(found.steps)) == ("unexplained", 1), found.sentences
+    assert best.effect == "torque_saturation" and best.together == [["reference_mass@shank", "load_nonlinearity@1A+2A"]]

@@ -116,3 +116,15 @@ def test_a_fit_that_starts_where_a_size_changes_nothing_comes_back(beyond, tmp_p
     found = fits.fit(dataset, model, {**best.parameters, names[1]: beyond})
     assert [found.parameters[n] for n in names] == pytest.approx([best.parameters[n] for n in names], rel=1e-3)
     assert found.identifiable(names[1])
+
+
+def test_a_size_that_no_sample_feels_however_small_is_not_fitted_again(tmp_path, monkeypatch):
+    """A friction that has fallen before the slowest sample: halves of its size led to the start that had been tried."""
+    dataset = Dataset(load_study(make("geared:none::3", tmp_path, quick=True)), Library())
+    model = compile_model(dataset.library, dataset.study.rig, [("stribeck", "gear")])
+    done, refine = [], fits._refine
+    monkeypatch.setattr(fits, "_refine", lambda *given, **named: done.append(1) or refine(*given, **named))
+    free = [n for n in dataset.parameters.free(model) if not n.startswith("stribeck")]
+    gone = {"stribeck_gear.fs": 0.05, "stribeck_gear.ws": 1e-4 * dataset.w_min}
+    found = fits.fit(dataset, model, gone, [*free, "stribeck_gear.fs"])
+    assert len(done) == 1 and found.parameters["stribeck_gear.fs"] == pytest.approx(0.05)
