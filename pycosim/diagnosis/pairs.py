@@ -28,6 +28,7 @@ DOUBTED = 0.05
 to some per cent. Up to a tenth, a zero 2.2 degrees off took its name from a constant torque of 2.4 times the noise."""
 REFITS = 8  # pairs that are fitted
 ALIKE = 3  # pairs of the same two effects, at other places, that are tried
+SECONDS = 5  # effects beside a winner that a pair must be ahead of with it
 BEGUN = 100  # pairs that a third effect is looked for beside
 
 
@@ -189,14 +190,26 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     if clear := [p for p in found if _outdoes(p, winner, luck)]:
         table = Table(here, without, lacking)
         _tell(Scores(table, seed), table, alone, found)
-        known = {}
+        known, own = {}, _seconds(scores, winner)
         for pair in (p for p in clear if _certain(here, p)):
-            for key in (k for k in pair.keys if k not in known):
+            alike_too = [k for k, n in own.items() if len(winner.fit.free) + n <= len(pair.fit.free)]
+            for key in (k for k in (*pair.keys, *alike_too) if k not in known):
                 start = {**pair.fit.parameters, **winner.fit.parameters}
                 known[key] = beside(here, larger, start, key, noise, alone)
-            pair.clear = not any(known[k] and _ahead(known[k], pair.selection) for k in pair.keys)
+            pair.clear = not any(known[k] and _ahead(known[k], pair.selection) for k in (*pair.keys, *alike_too))
             found = found if pair.clear else [p for p in found if p is not pair]
+            pair.doubted = pair.clear and any(known[k] and alike(alone, known[k], pair.selection) for k in alike_too)
+            pair.clear = pair.clear and not pair.doubted
     return sorted(found, key=lambda p: (not p.clear, p.selection.white.sum() + 2 * len(p.fit.free)))
+
+
+def _seconds(scores, winner):
+    """What most may be said for beside a winner, and how many coefficients each has."""
+    found = {}
+    for s in sorted(scores.results, key=lambda s: -s.surprise):
+        if s.candidate.key != winner.key and len(found) < SECONDS:
+            found.setdefault(s.candidate.key, len(s.candidate.parts) + len(s.candidate.effect.scan))
+    return found
 
 
 def beside(dataset, without, start, key, noise, full):
