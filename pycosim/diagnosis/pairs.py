@@ -56,6 +56,8 @@ class Pair:
         Whether it does better than the one effect that it may be in the place of, by more than luck of so many pairs.
     doubted : bool
         Whether it does as well for a small error of the model of the load, which is one of the two.
+    matched : bool
+        Whether that effect does as well with another.
     near : list of Pair
         Those that unseen folds cannot tell from it.
     """
@@ -71,6 +73,7 @@ class Pair:
     findings: list = field(default_factory=list)
     clear: bool = False
     doubted: bool = False
+    matched: bool = False
     near: list = field(default_factory=list, repr=False, compare=False)
 
     @property
@@ -168,8 +171,9 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     -------
     list of Pair
         With ``clear`` where both effects are more than chance, and do better by more than the luck of so many pairs,
-        and ``doubted`` where one is an error of the load's model and the other no alternative of the winner. Without
-        those that are better for the sake of one of their two, beside which the winner outdoes the other.
+        ``doubted`` where one is an error of the load's model and the other no alternative of the winner, and
+        ``matched`` where the winner does as well with another. Without those beside which the winner does better with
+        one of their two, or with another.
     """
     here = dataset.sliding(without).settled(without, lacking.parameters)
     larger = compile_model(dataset.library, without.rig, [*without.keys, winner.key])
@@ -190,16 +194,16 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     if clear := [p for p in found if _outdoes(p, winner, luck)]:
         table = Table(here, without, lacking)
         _tell(Scores(table, seed), table, alone, found)
-        known, own = {}, _seconds(scores, winner)
+        known, seconds = {}, _seconds(scores, winner)
         for pair in (p for p in clear if _certain(here, p)):
-            alike_too = [k for k, n in own.items() if len(winner.fit.free) + n <= len(pair.fit.free)]
-            for key in (k for k in (*pair.keys, *alike_too) if k not in known):
+            others = [k for k, n in seconds.items() if len(winner.fit.free) + n <= len(pair.fit.free)]
+            for key in (k for k in (*pair.keys, *others) if k not in known):
                 start = {**pair.fit.parameters, **winner.fit.parameters}
                 known[key] = beside(here, larger, start, key, noise, alone)
-            pair.clear = not any(known[k] and _ahead(known[k], pair.selection) for k in (*pair.keys, *alike_too))
+            pair.clear = not any(known[k] and _ahead(known[k], pair.selection) for k in (*pair.keys, *others))
             found = found if pair.clear else [p for p in found if p is not pair]
-            pair.doubted = pair.clear and any(known[k] and alike(alone, known[k], pair.selection) for k in alike_too)
-            pair.clear = pair.clear and not pair.doubted
+            pair.matched = pair.clear and any(known[k] and alike(alone, known[k], pair.selection) for k in others)
+            pair.clear = pair.clear and not pair.matched
     return sorted(found, key=lambda p: (not p.clear, p.selection.white.sum() + 2 * len(p.fit.free)))
 
 

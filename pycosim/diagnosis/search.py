@@ -688,8 +688,9 @@ def _doubled(dataset, steps, found, seed, progress):
     A spring about the joint does, to the noise, what a wrong zero of the reference does beside a wrong torque constant.
     Where a pair predicts better by more than the luck of so many pairs, it is what is missing; what other pairs
     that do as well lack, or what has too many alternatives, is left to the next diagnosis. Where that leaves neither,
-    or a pair of no more coefficients does as well as the winner, or one for a small error of the load's model, nobody
-    knows what is missing: the winner is none.
+    or a pair of no more coefficients does as well as the winner, or one for a small error of the load's model, or any
+    as the winner with another, or one leaves nothing though its coefficients may vary, nobody knows what is missing:
+    the winner is none.
     """
     winner, step = found.winner, steps[-1]
     larger = compile_model(dataset.library, step.model.rig, [*step.model.keys, winner.key])
@@ -708,7 +709,7 @@ def _doubled(dataset, steps, found, seed, progress):
     if pair is not None and (path is not None or last.verdict == "nothing_missing"):
         found.contest([p.told for p in some if p.clear][:SHOWN])
         return None, None
-    if equal := [p.told for p in some if p.doubted or len(p.fit.free) <= len(winner.fit.free)]:
+    if equal := [p.told for p in some if p.doubted or p.matched or len(p.fit.free) <= len(winner.fit.free)]:
         found.contest(equal[:SHOWN])
     return None, None
 

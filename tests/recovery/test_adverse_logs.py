@@ -344,3 +344,12 @@ def test_two_effects_that_leave_nothing_contest_one_that_leaves_something(tmp_pa
     best = found.first.contested
     assert (found.first.verdict, len(found.steps)) == ("unexplained", 1), found.sentences
     assert best.effect == "torque_saturation" and best.together == [["reference_mass@shank", "load_nonlinearity@1A+2A"]]
+
+
+@pytest.mark.slow
+def test_two_effects_in_the_place_of_one_are_compared_with_that_and_another(tmp_path):
+    """A wrong centre and a constant torque do what an asymmetry does beside a wrong mass: the torque was the name."""
+    found = pc.open(make("reference_centre:direction_asymmetry:2.4:273000008", tmp_path, quick=True)).improve()
+    best = found.first.contested
+    assert (found.first.verdict, len(found.steps)) == ("unexplained", 1), found.sentences
+    assert best.effect == "direction_asymmetry" and ["reference_centre@shank", "torque_offset@motor2"] in best.together
