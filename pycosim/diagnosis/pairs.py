@@ -196,7 +196,8 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
         _tell(Scores(table, seed), table, alone, found)
         known, seconds = {}, _seconds(scores, winner)
         for pair in (p for p in clear if _certain(here, p)):
-            others = [k for k, n in seconds.items() if len(winner.fit.free) + n <= len(pair.fit.free)]
+            others = [k for k, n in seconds.items()
+                      if k not in pair.keys and len(winner.fit.free) + n <= len(pair.fit.free)]
             for key in (k for k in (*pair.keys, *others) if k not in known):
                 start = {**pair.fit.parameters, **winner.fit.parameters}
                 known[key] = beside(here, larger, start, key, noise, alone)
