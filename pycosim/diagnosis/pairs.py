@@ -194,18 +194,26 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     if clear := [p for p in found if _outdoes(p, winner, luck)]:
         table = Table(here, without, lacking)
         _tell(Scores(table, seed), table, alone, found)
-        known, seconds = {}, _seconds(scores, winner)
-        for pair in (p for p in clear if _certain(here, p)):
-            others = [k for k, n in seconds.items()
-                      if k not in pair.keys and len(winner.fit.free) + n <= len(pair.fit.free)]
-            for key in (k for k in (*pair.keys, *others) if k not in known):
-                start = {**pair.fit.parameters, **winner.fit.parameters}
-                known[key] = beside(here, larger, start, key, noise, alone)
-            pair.clear = not any(known[k] and _ahead(known[k], pair.selection) for k in (*pair.keys, *others))
-            found = found if pair.clear else [p for p in found if p is not pair]
-            pair.matched = pair.clear and any(known[k] and alike(alone, known[k], pair.selection) for k in others)
-            pair.clear = pair.clear and not pair.matched
+        outdone = _beside_winner(here, larger, winner, [p for p in clear if _certain(here, p)], noise, scores, alone)
+        found = [p for p in found if not any(p is o for o in outdone)]
     return sorted(found, key=lambda p: (not p.clear, p.selection.white.sum() + 2 * len(p.fit.free)))
+
+
+def _beside_winner(here, larger, winner, clear, noise, scores, alone):
+    """Say which pairs are ahead of the winner with another effect, or matched by it; the rest are returned."""
+    known, seconds, outdone = {}, _seconds(scores, winner), []
+    for pair in clear:
+        others = [k for k, n in seconds.items()
+                  if k not in pair.keys and len(winner.fit.free) + n <= len(pair.fit.free)]
+        for key in (k for k in (*pair.keys, *others) if k not in known):
+            start = {**pair.fit.parameters, **winner.fit.parameters}
+            known[key] = beside(here, larger, start, key, noise, alone)
+        if any(known[k] and _ahead(known[k], pair.selection) for k in (*pair.keys, *others)):
+            outdone.append(pair)
+        else:
+            pair.matched = any(known[k] and alike(alone, known[k], pair.selection) for k in others)
+            pair.clear = not pair.matched
+    return outdone
 
 
 def _seconds(scores, winner):
