@@ -17,7 +17,6 @@ from ..compile import component_name
 from .bounded import bounded
 
 REACH = 40  # samples either way that a delay is looked for within its bounds, where nothing is known of it
-STRIDE = 4  # samples, at which it is looked for first: what leaves least is a valley of that width at least
 NEAR = 6  # samples either way of where it is known to be
 END = 0.05  # of the bounds' range, at either end, where the likelihood of what is no delay still grows
 MOST = 8000  # samples that delays are tried on
@@ -97,12 +96,11 @@ def found(dataset, model, fit, names, part, known, again):
         return fit
     for name in names:
         profile = Profile(dataset, model, fit, name, part, step)
-        nearest = profile.best([known[name]] if name in known else step * np.arange(-REACH, REACH + 1, STRIDE))
-        if name not in known:
-            nearest = profile.best(nearest + step * np.arange(1 - STRIDE, STRIDE))
+        tried = [known[name]] if name in known else step * np.arange(-REACH, REACH + 1)
+        nearest = min((profile.at, *(d for d in tried if profile.low < d < profile.high)), key=profile.left)
         for _ in range(ROUNDS):
             if _far(profile, nearest):
-                fit = again({**fit.parameters, name: nearest}, names)
+                fit = again({**fit.parameters, name: float(nearest)}, names)
                 profile = Profile(dataset, model, fit, name, part, step)
             nearest = profile.least()
             if not _far(profile, nearest):
@@ -199,21 +197,6 @@ class Profile:
                 fall = bounded(self.gram, -self.rows @ r, *self.room)[0] if len(self.rows) else 0.0
                 self._known[delay] = float(r @ r - fall)
         return self._known[delay]
-
-    def best(self, delays):
-        """Of some delays within the bounds and that of the fit, the one that leaves least.
-
-        Parameters
-        ----------
-        delays : sequence of float
-            [s]
-
-        Returns
-        -------
-        float
-            [s]
-        """
-        return float(min((self.at, *(d for d in delays if self.low < d < self.high)), key=self.left))
 
     @property
     def excess(self):

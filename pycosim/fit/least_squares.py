@@ -26,7 +26,7 @@ from .bounded import NULL, bounded
 from .damped import ENOUGH, listed, solve
 from .moments import Moments
 
-NEAR = 1e-4  # of the squares of a few thousand samples, below which a step is left to those of all: noise tells no more
+NEAR = 1e-5  # of the squares of a few thousand samples, below which a step is left to those of all: noise tells no more
 HALVES = 12  # by which a size that changes nothing is brought to where it does
 MARGIN = 1e-6  # of the nominal value, that a fit keeps from its bounds: there derivatives are two-sided
 
@@ -475,8 +475,8 @@ def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial)
     for _ in range(5):
         if moments is None:
             thin = max(1, problem.n // 4000)
-            few = [problem.thin(thin)] if thin > 1 or trial else []
-            for part in few if trial else [*few, problem]:
+            few = [problem.thin(thin)] if thin > 1 else []
+            for part in few if trial and few else [*few, problem]:
                 x = _solve(lambda z: part.gram(z, weights, robust), x, free, variables, 60,
                            ENOUGH if part is problem else NEAR)
             return _instrumented(lambda z: _cross_gram(problem, tidy, z, weights, robust), x, free, variables, 4), None
@@ -514,12 +514,12 @@ def _instrumented(gram, x, free, variables, steps):
     for _ in range(steps):
         _, step = bounded(g[:-1, :-1], g[:-1, -1], low + margin - x, high - margin - x)
         there = np.clip(x + np.clip(step, -scale, scale), low + margin, high - margin)
-        if 2 * step @ g[:-1, -1] - step @ g[:-1, :-1] @ step < ENOUGH * g[-1, -1]:
-            return there
         after = gram(there)
         if not np.isfinite(after).all() or after[-1, -1] > 1.02 * g[-1, -1]:
             break  # far from where the derivatives hold
         x, g = there, after
+        if np.all(np.abs(step) < 1e-5 * scale):
+            break
     return x
 
 
