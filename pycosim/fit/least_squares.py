@@ -367,7 +367,7 @@ def _fit(dataset, model, start, free, part, robust, most, noise, held):
     def told(x, moments):
         if moments is None:
             residual, slopes = problem.residual(x), [(part, slope) for part, _, slope in tidy.blocks(x)]
-            gram = _crossed(slopes, residual, weights, robust)
+            gram = _crossed(slopes, residual, len(x), weights, robust)
             return x, np.concatenate([slope for _, slope in slopes], axis=2), residual, gram
         return x, *moments.slope_and_residual(x), moments.gram(x, weights, True)
 
@@ -490,16 +490,17 @@ def _refine(problem, tidy, x, free, variables, weights, segments, robust, trial)
 
 def _cross_gram(problem, tidy, x, weights, robust):
     """Moments of noise-free derivatives and the measured residual."""
-    return _crossed(((part, slope) for part, _, slope in tidy.blocks(x)), problem.residual(x), weights, robust)
+    slopes = ((part, slope) for part, _, slope in tidy.blocks(x))
+    return _crossed(slopes, problem.residual(x), len(x), weights, robust)
 
 
-def _crossed(slopes, residual, weights, robust):
-    """Moments of derivatives, part by part of the samples, and a residual of all."""
-    trust, total = np.sqrt(huber(residual)) if robust else np.ones_like(residual), 0.0
+def _crossed(slopes, residual, p, weights, robust):
+    """Moments of derivatives by p parameters, part by part of the samples, and a residual of all."""
+    trust, total = np.sqrt(huber(residual)) if robust else np.ones_like(residual), np.zeros((p + 1, p + 1))
     for part, slope in slopes:
         for c, weight in enumerate(weights):
             rows = np.concatenate([slope[c], residual[c][None, part]]) * (weight * trust[c, part])
-            total = total + rows @ rows.T
+            total += rows @ rows.T
     return total
 
 
