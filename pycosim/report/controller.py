@@ -290,9 +290,9 @@ def _pushed(errors):
     if not grown:
         return []
     shares = ", ".join(f"{sentences.percent(errors[n]['standing'])} % of the squared error of {n}" for n in grown)
-    return [f"It grows where the motors are to stand ({shares}): most likely a friction that falls as they move, worked "
-            "out ahead in full, pushes them on there, and only the feedback holds them. Feed less of it forward near "
-            "standstill."]
+    return [f"It grows where the motors are to stand ({shares}): most likely a friction that falls as they move, "
+            "worked out ahead in full, pushes them on there, and only the feedback holds them. Feed less of it forward "
+            "near standstill."]
 
 
 def summary(found):
