@@ -312,8 +312,11 @@ def _decide(findings, rivals, base, refines, steady, beside):
 
 
 def _considered(rivals, earned, best, base, refines, steady):
-    """What is said where a finding is the best: it or what it corrects, alternatives, and whether it is constant."""
-    able = [f for f in rivals if f.refused not in (*ELSE, UNSOLVED)]
+    """What is said where a finding is the best: it or what it corrects, alternatives, and whether it is constant.
+
+    One that was refused for its bound is an alternative still of one that is at a bound itself.
+    """
+    able = [f for f in rivals if f.refused not in (*ELSE, UNSOLVED) or f.refused == ENDLESS and _at_a_bound(best)]
     others = [f for f in able if f is not best and twins(base, f, best)]
     plain = next((f for f in earned if f.effect == refines.get(best.effect) and (
         twins(base, f, best, SURELY)

@@ -187,7 +187,8 @@ def summary_doubt(dataset, fit):
              for c in dataset.channels if c in dataset.measured}
     if not share or np.mean(np.square(list(share.values()))) < 1.0:
         return []
-    return [f"Doubtful: the fitted model misses {listed(share)} by more than a constant would; check units, signs, "
+    missed = [c for c, own in share.items() if own >= 1.0]
+    return [f"Doubtful: the fitted model misses {listed(missed)} by more than a constant would; check units, signs, "
             "zeros and the order of the columns before believing what follows."]
 
 

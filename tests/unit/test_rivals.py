@@ -12,7 +12,7 @@ from pycosim.compile import Library, compile_model
 from pycosim.data.scatter import _carried, noise_level
 from pycosim.diagnosis import decide, trials
 from pycosim.diagnosis.crossval import Selection, _cross_validate, _predictive, difference, gap
-from pycosim.diagnosis.decide import _considered, _decide, _soon
+from pycosim.diagnosis.decide import ENDLESS, _considered, _decide, _soon
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.rivals import BESIDE, CONTESTED, KINDS, alike, by_kind, too_many
 from pycosim.diagnosis.trials import pressed
@@ -217,6 +217,18 @@ def test_what_its_bounds_hold_does_not_come_back_as_what_its_correction_corrects
     found = _decide([*rivals], [*rivals], base, {"stribeck_asymmetry": "direction_asymmetry"}, lambda f: True, False)
     assert found.accepted and found.effect == named
     assert {t["effect"] for t in found.twins} == {f.effect for f in rivals} - {named}
+
+
+@pytest.mark.parametrize("value, others", [(1.0, {"2B"}), (0.5, set())])
+def test_what_is_refused_for_its_bound_is_an_alternative_of_one_that_is_at_a_bound_too(value, others):
+    """A loss that changes with the temperature was named at one stage, at the end of its range, and refused at the
+    other, the true one, for being there."""
+    base = refitted("", [40.0, 40.0], 800.0).selection
+    rivals = [with_coefficient("temperature_dependence", place, "k", k)
+              for place, k in (("1B", value), ("2B", 1.0))]
+    rivals[1].refused = ENDLESS
+    found = _decide([*rivals], [*rivals], base, {}, lambda f: True, False)
+    assert found.accepted and {t["place"] for t in found.twins} == others
 
 
 @pytest.mark.parametrize("value, error, end", [
