@@ -89,8 +89,12 @@ def _clearest(scores, best):
     shared = [s for s in mine if not s.candidate.extra["runs"]]
     sure = [s for s in mine if scores.family(s.surprise, True) < LEVEL and _turns(s, shared)]
     errors = {id(s): scores.predicted(s.candidate, s.coefficients) for s in sure}
-    return min(sure, key=lambda s: sum((w * errors[id(s)][c]) ** 2 for w, c in zip(
-        scores.weights, scores.table.channels)), default=best)
+    return min(sure, key=lambda s: _squares(scores, errors[id(s)]), default=best)
+
+
+def _squares(scores, errors):
+    """Sum of the channels' squared errors, as the scores weigh them."""
+    return sum((w * errors[c]) ** 2 for w, c in zip(scores.weights, scores.table.channels))
 
 
 def _turns(score, shared):
@@ -134,6 +138,7 @@ def start_of(candidate, coefficients):
 def refit_best(dataset, model, fit, scores, findings, base, table, say):
     """Fit the model with each of the best candidates, and fill in what their findings say.
 
+    Those are the best by their scores, which hardly count what is slow, and the one that is predicted to leave least.
     The scores see each place from a base model bent to what is missing, so that the best effect's other places are
     fitted as well. So is what could add the same (an asymmetry of a loss taken for small is the offset that is
     missing), and what such an effect corrects: of a share of a loss taken for none no score tells. Of a memory, or a
@@ -170,8 +175,9 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
         return min(some, key=lambda f: f.selection.white.sum())
 
     likely, refines = [f for f in findings if f.p_value < 10 * LEVEL], corrections(dataset.library)
-    first = likely[:REFITS] + [f for f in likely[REFITS:]
-                               if "delay" in find_effect(dataset.library, f.effect).scan.values()]
+    least = min(likely, key=lambda f: _squares(scores, f.predicted_error), default=None)
+    first = likely[:REFITS] + [f for f in likely[REFITS:] if f is least
+                               or "delay" in find_effect(dataset.library, f.effect).scan.values()]
     dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in first])
     seen, unseen, asked, best = list(refitted(first)), [], set(), None
     while seen and (best := lowest([*seen, *unseen])).key not in asked:

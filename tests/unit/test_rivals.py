@@ -243,13 +243,8 @@ def test_a_size_at_the_end_of_what_is_allowed_is_no_measurement_but_none_at_all_
     assert pressed(model, fit) == end
 
 
-@pytest.mark.parametrize(("effect", "share", "asked"), [
-    ("load_hysteresis", 0.7, True), ("load_hysteresis", 0.3, False), ("viscous", 0.7, False)])
-def test_a_memory_that_takes_half_of_the_best_is_refitted_at_its_other_places(effect, share, asked, monkeypatch):
-    some = [Finding(*key, statistic=20.0 - k, p_value=0.001) for k, key in enumerate([
-        ("time_delay", "torque"), (effect, "1A"), *(("torque_saturation", f"motor{n}") for n in range(8)),
-        (effect, "1A+2A")])]
-    takes = {("time_delay", "torque"): 1.0, (effect, "1A"): share}
+def fitted_of(some, takes, monkeypatch, unseen=False):
+    """The candidates that are refitted, where each takes a share of what is lost; `unseen`, whether no score sees them."""
     fitted, rng = [], np.random.default_rng(5)
     lost, noise = rng.standard_normal((2, BLOCKS * EACH))
 
@@ -260,39 +255,47 @@ def test_a_memory_that_takes_half_of_the_best_is_refitted_at_its_other_places(ef
             yield finding
     monkeypatch.setattr(trials, "_refitted", refitted)
     monkeypatch.setattr(trials, "_refit_from", lambda *given: None)
+    monkeypatch.setattr(trials, "_unseen", lambda *given: unseen)
     dataset = SimpleNamespace(library=Library())
     monkeypatch.setattr(dataset.library, "ahead", lambda *given: None)
-    monkeypatch.setattr(trials, "_unseen", lambda *given: False)
-    trials.refit_best(dataset, compile_model(dataset.library, HIP_KNEE, []), None,
-                      SimpleNamespace(akin=lambda key, share: [], single=None), some, residual_of(noise + lost), None,
-                      lambda said: None)
-    assert ((effect, "1A+2A") in fitted) == asked
+    scores = SimpleNamespace(akin=lambda key, share: [], single=None, weights=[2.0],
+                             table=SimpleNamespace(channels=["C_H"]))
+    trials.refit_best(dataset, compile_model(dataset.library, HIP_KNEE, []), None, scores, some,
+                      residual_of(noise + lost), None, lambda said: None)
+    return fitted
+
+
+def scored(keys, errors=None):
+    """Findings with their scores, best first, and the errors that are predicted of some."""
+    return [Finding(*key, statistic=20.0 - k, p_value=0.001, predicted_error={"C_H": (errors or {}).get(key, 0.3)})
+            for k, key in enumerate(keys)]
+
+
+@pytest.mark.parametrize(("effect", "share", "asked"), [
+    ("load_hysteresis", 0.7, True), ("load_hysteresis", 0.3, False), ("viscous", 0.7, False)])
+def test_a_memory_that_takes_half_of_the_best_is_refitted_at_its_other_places(effect, share, asked, monkeypatch):
+    some = scored([("time_delay", "torque"), (effect, "1A"), *(("torque_saturation", f"motor{n}") for n in range(8)),
+                   (effect, "1A+2A")])
+    takes = {("time_delay", "torque"): 1.0, (effect, "1A"): share}
+    assert ((effect, "1A+2A") in fitted_of(some, takes, monkeypatch)) == asked
+
+
+@pytest.mark.parametrize(("error", "asked"), [(0.14, True), (0.4, False)])
+def test_what_is_predicted_to_leave_least_is_refitted_whatever_its_score(error, asked, monkeypatch):
+    """A hysteresis over a long way was predicted to take half of the error, came sixteenth, and was not looked at."""
+    last = "load_hysteresis", "2A"
+    some = scored([*(("viscous", f"place{n}") for n in range(12)), last], {last: error})
+    assert (last in fitted_of(some, {("viscous", "place0"): 0.9}, monkeypatch)) == asked
 
 
 @pytest.mark.parametrize("none", [True, False])
 def test_what_one_that_does_as_well_corrects_is_refitted_where_its_loss_is_taken_for_none(none, monkeypatch):
     """Its score is nothing there, of whatever size it is: an asymmetry is a share of the loss."""
-    best, other, last = (Finding(effect, place, statistic=value, p_value=chance) for effect, place, value, chance in [
-        ("torque_offset", "motor2", 20.0, 0.001), ("stribeck_asymmetry", "2A", 19.0, 0.001),
-        ("direction_asymmetry", "2A", 0.0, 1.0)])
-    fitted, rng = [], np.random.default_rng(5)
-    lost, noise = rng.standard_normal((2, BLOCKS * EACH))
-
-    def refitted(*given):
-        for finding in given[4]:
-            fitted.append(finding.key)
-            finding.selection = residual_of(noise)
-            yield finding
-    monkeypatch.setattr(trials, "_refitted", refitted)
-    monkeypatch.setattr(trials, "_refit_from", lambda *given: None)
+    some = scored([("torque_offset", "motor2"), ("stribeck_asymmetry", "2A"), ("direction_asymmetry", "2A")])
+    some[2].statistic, some[2].p_value = 0.0, 1.0
+    takes = dict.fromkeys([some[0].key, some[1].key], 1.0)
     monkeypatch.setattr(trials, "_remembers", lambda *given: False)
-    monkeypatch.setattr(trials, "_unseen", lambda *given: none)
-    dataset = SimpleNamespace(library=Library())
-    monkeypatch.setattr(dataset.library, "ahead", lambda *given: None)
-    trials.refit_best(dataset, compile_model(dataset.library, HIP_KNEE, []), None,
-                      SimpleNamespace(akin=lambda key, share: [], single=None), [best, other, last],
-                      residual_of(noise + lost), None, lambda said: None)
-    assert (last.key in fitted) == none
+    assert (some[2].key in fitted_of(some, takes, monkeypatch, none)) == none
 
 
 @pytest.mark.parametrize(("effect", "place", "everywhere", "soon"), [
