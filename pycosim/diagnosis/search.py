@@ -293,7 +293,8 @@ def _sure(dataset, steps, last, seed, progress):
     """A path whose effects all have a size of their own; its last fit widened where something unknown is left.
 
     None is held by a bound alone beside the others, has too many alternatives there, nor may be none where something
-    unknown is left. What stays when one is taken out must be the same all over the data without that one, as on any
+    unknown is left; what any of too many explains is not unknown, and beside that sizes are as its fit has them. What
+    stays when one is taken out must be the same all over the data without that one, as on any
     path.
     """
     out, refines = {}, corrections(dataset.library)
@@ -304,7 +305,9 @@ def _sure(dataset, steps, last, seed, progress):
         level = 1 - CHANCE / max(len(last.candidates), 1)
         attached = {(e.id, p.name): (e, p) for e, p in end.model.attached}
         ended = [s.added for s in steps[1:] if pressed(end.model, end.fit, attached[s.added])]
-        unsure = [s.added for s in steps[1:] if unknown and _may_be_nothing(steps[-1].fit, s, level)]
+        beside = last.contested
+        judge = beside.fit if beside and not beside.together else steps[-1].fit
+        unsure = [s.added for s in steps[1:] if unknown and _may_be_nothing(judge, s, level)]
         many = [s.added for s in steps[1:] if len(steps) > 2 and _nameless(s, refines)]
         if not ended + unsure + many:
             return steps, last

@@ -244,7 +244,7 @@ def test_a_size_at_the_end_of_what_is_allowed_is_no_measurement_but_none_at_all_
 
 
 def fitted_of(some, takes, monkeypatch, unseen=False):
-    """The candidates that are refitted, where each takes a share of what is lost; `unseen`, whether no score sees them."""
+    """The candidates that are refitted, where each takes a share of what is lost, and scores may see none of them."""
     fitted, rng = [], np.random.default_rng(5)
     lost, noise = rng.standard_normal((2, BLOCKS * EACH))
 

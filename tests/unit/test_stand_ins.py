@@ -415,6 +415,22 @@ def test_what_has_too_many_alternatives_beside_another_is_told_as_a_class(monkey
     assert [s.added for s in steps] == [None, torque] and last.verdict == "unexplained"
 
 
+@pytest.mark.parametrize(("half", "pairs", "stays"), [(0.01, [], True), (0.2, [], False), (0.01, ["any"], False)])
+def test_beside_one_of_a_class_a_size_is_as_that_fit_has_it(half, pairs, stays, monkeypatch):
+    """A cross load was taken out again, beside any of eight constant torques that explained the rest:
+    with blocks that differ by the lack of one of them it might have been none."""
+    load, torque = ("cross_load", "1A+2A"), ("torque_constant", "motor1")
+    fit = _Fit({"cross_load_1A_2A.k": (0.05, 0.06)})
+    path = _path(monkeypatch, _step(*load, fit, ["k"]))
+    monkeypatch.setattr(search, "pressed", lambda *given: False)
+    monkeypatch.setattr(search, "diagnose", lambda *given: _diagnosis("unexplained", load))
+    told = _diagnosis("unexplained", torque)
+    told.candidates[0].contested, told.candidates[0].together = True, pairs
+    told.candidates[0].fit = _Fit({"cross_load_1A_2A.k": (0.08, half)})
+    steps, last = search._sure(DATA, path, told, 0, None)
+    assert (len(steps) == 2) == stays
+
+
 @pytest.mark.parametrize(("bound", "short"), [(None, 0.5), ("reference_gain", 0.5), (None, 2.0)])
 def test_what_may_have_no_size_beside_something_unknown_is_taken_out_and_stays_out(bound, short, monkeypatch):
     """A gain of 0.42, and a ripple of half a cycle, stood in for laws that nobody knows.
