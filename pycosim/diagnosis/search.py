@@ -705,10 +705,9 @@ def _doubled(dataset, steps, found, seed, progress):
         _tell_as_winner(dataset, path, path[len(steps):], winner, last.noise, progress)
         if _named(dataset, path, last.noise, len(steps), progress) == len(path) and pair.common == {*pair.keys}:
             return path, last
-        refines = corrections(dataset.library)
-        if sure := [s for s in path[len(steps):] if s.added in pair.common and not _nameless(s, refines)]:
-            path = _ladder(dataset, steps[0], [*steps[1:], *sure])
-            return path, diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
+        common = _in_common(dataset, steps, path, pair, seed, progress)
+        if common[0] is not None:
+            return common
     if pair is not None and (path is not None or last.verdict == "nothing_missing"):
         found.contest([p.told for p in some if p.clear][:SHOWN])
         return None, None
@@ -738,14 +737,31 @@ def _together(dataset, steps, some, seed, progress):
     the others, and the first that is tried may be none of them. Of those that unseen folds cannot tell apart, luck
     alone says which is the best: another may be the one whose coefficients are constant.
     """
-    path, last = _followed(dataset, steps, some[0], seed, progress) if some else (None, None)
+    pair = some[0] if some else None
+    path, last = _followed(dataset, steps, pair, seed, progress) if some else (None, None)
     for pair in [p for p in some if any(p is n for n in some[0].near)][:SHOWN] if path is None else ():
         if _shortfall(dataset, _joined(dataset, steps[0], steps[1:], pair), pair.fit.noise, len(steps), seed) <= 1.0:
             path, last = _followed(dataset, steps, pair, seed, progress)
             break
     if path is None:
         return None, None
-    return (path if _named(dataset, path, last.noise, len(steps), progress) == len(path) else None), last
+    if _named(dataset, path, last.noise, len(steps), progress) == len(path):
+        return path, last
+    common, left = _in_common(dataset, steps, path, pair, seed, progress)
+    return common, last if common is None else left
+
+
+def _in_common(dataset, steps, path, pair, seed, progress):
+    """The ladder with those effects of a pair's path that have a name and are in all pairs as good, and its diagnosis.
+
+    None where there are none: what the others are is not known, and is left to that diagnosis.
+    """
+    refines = corrections(dataset.library)
+    sure = [s for s in path[len(steps):] if s.added in pair.common and not _nameless(s, refines)]
+    if not sure:
+        return None, None
+    path = _ladder(dataset, steps[0], [*steps[1:], *sure])
+    return path, diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
 
 
 def _followed(dataset, steps, pair, seed, progress):

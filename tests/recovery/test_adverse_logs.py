@@ -356,3 +356,28 @@ def test_two_effects_in_the_place_of_one_are_compared_with_that_and_another(tmp_
     assert (found.first.verdict, len(found.steps)) == ("unexplained", 1), found.sentences
     assert best.contested and best.key[0] == "direction_asymmetry"
     assert {"reference_centre@shank", "torque_offset@motor2"} in [{*pair} for pair in best.together], best.together
+
+
+@pytest.mark.slow
+def test_what_is_predicted_to_leave_least_is_looked_at_whatever_its_score(tmp_path):
+    """A hysteresis over 0.055 rad, behind coarse joint encoders, came sixteenth by its score."""
+    first, last, found, shown = hidden("joint_encoders:load_hysteresis:2.4:957000011", tmp_path)
+    assert (first, last, found) == ("missing_effect", "nothing_missing", [("load_hysteresis", "2A")]), shown
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("case", "true"), [
+    ("reference_zero:torque_saturation:1.3:1276000010", ("torque_saturation", "motor1+motor2")),
+    ("reference_gain:cross_load:2.4:1276000012", ("cross_load", "1A+2A"))])
+def test_what_has_a_name_keeps_it_beside_what_is_one_of_a_class(case, true, tmp_path):
+    """Beside a wrong zero, or gain, of the reference, which eight constant torques and gains explain as well."""
+    first, last, found, shown = hidden(case, tmp_path)
+    assert (first, last, found) == ("missing_effect", "unexplained", [true]), shown
+
+
+@pytest.mark.slow
+def test_where_the_other_passes_tell_nothing_the_true_one_is_not_refused_by_lot(tmp_path):
+    """In a log of pick and place the plain error of unseen passes was 32 times that with a hint of themselves."""
+    study = make("pick_and_place:direction_asymmetry:1.7:1276000005", tmp_path, quick=True)
+    step, = search.improve(Dataset(load_study(study), Library())).steps[1:]
+    assert ("direction_asymmetry", "1A") in [step.added, *((t["effect"], t["place"]) for t in step.finding.twins)]

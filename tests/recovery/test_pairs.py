@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,13 +17,14 @@ from pycosim.diagnosis.crossval import select
 from pycosim.diagnosis.decide import scored
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.scores import LEVEL, Scores
-from pycosim.diagnosis.search import _exchanged, _ladder, _revised, _spared, diagnosed, improve, step_of
+from pycosim.diagnosis.search import Step, _exchanged, _ladder, _revised, _spared, diagnosed, improve, step_of
 from pycosim.diagnosis.table import Table
 from pycosim.fit import least_squares
 from pycosim.study.parse import load_study
 
 STUDY = Path(__file__).parents[2] / "examples" / "hip_knee" / "study.toml"
 TRUE = ("stribeck", "2A"), ("payload", "shank")
+ZERO, SATURATION = ("reference_zero", "knee"), ("torque_saturation", "motor1+motor2")
 
 
 @pytest.fixture(scope="module")
@@ -169,6 +171,27 @@ def test_another_is_asked_where_the_first_is_not_constant_if_folds_cannot_tell_t
     assert search._together(None, steps, [first, far], 0, None) == (None, None)
     assert search._together(None, steps, [constant, first], 0, None)[0] == [constant] and len(asked) == 2
     assert search._together(None, steps, [], 0, None) == (None, None)
+
+
+@pytest.mark.parametrize(("common", "twins", "kept"), [
+    ({SATURATION}, 0, [SATURATION]), (set(), 0, None), ({SATURATION}, 9, None), ({ZERO}, 0, None)])
+def test_of_a_pair_the_one_with_a_name_that_all_as_good_pairs_have_is_kept(common, twins, kept, monkeypatch):
+    """Of a saturation and a wrong zero, or any of seven others that do as well beside it, none had a name."""
+    def step(key, twins):
+        others = [{"effect": f"effect{k}", "place": "a"} for k in range(twins)]
+        return Step(key, SimpleNamespace(keys=[key, "another"]), None, {}, {}, Finding(*key, twins=others))
+
+    base = SimpleNamespace(added=None, model=SimpleNamespace(keys=[]), fit=None)
+    path = [base, step(ZERO, 9), step(SATURATION, twins)]
+    monkeypatch.setattr(search, "corrections", lambda library: {})
+    whole = SimpleNamespace(noise=None)
+    monkeypatch.setattr(search, "_followed", lambda *given: (path, whole))
+    monkeypatch.setattr(search, "_named", lambda *given: 1)
+    monkeypatch.setattr(search, "_ladder", lambda data, base, steps: [base, *steps])
+    monkeypatch.setattr(search, "diagnose", lambda *given: "the rest")
+    pair = SimpleNamespace(common=common, near=[])
+    found, last = search._together(SimpleNamespace(library=None), path[:1], [pair], 0, None)
+    assert (found and [s.added for s in found[1:]]) == kept and last == (whole if kept is None else "the rest")
 
 
 @pytest.mark.slow
