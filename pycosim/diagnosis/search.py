@@ -16,7 +16,7 @@ from .dependence import dependence
 from .finding import Finding
 from .remainder import LEFT, beyond, remaining, rises, slow
 from .rivals import PLAIN, SEPARATE, alike, behind, too_many
-from .trials import TRIAL, nudged, pressed
+from .trials import TRIAL, nudged, pressed, told_from_nothing
 
 MOST = 6  # effects that one search may add
 AHEAD = 3  # effects that the search goes on with, to see whether a coefficient becomes constant
@@ -293,9 +293,8 @@ def _sure(dataset, steps, last, seed, progress):
     """A path whose effects all have a size of their own; its last fit widened where something unknown is left.
 
     None is held by a bound alone beside the others, has too many alternatives there, nor may be none where something
-    unknown is left; what any of too many explains is not unknown, and beside that sizes are as its fit has them. What
-    stays when one is taken out must be the same all over the data without that one, as on any
-    path.
+    unknown is left. What any of too many explains is not unknown: beside it sizes are as its fit has them. What stays
+    when one is taken out that may be none, or that a bound holds, must be the same all over the data without it.
     """
     out, refines = {}, corrections(dataset.library)
     while True:
@@ -305,15 +304,14 @@ def _sure(dataset, steps, last, seed, progress):
         level = 1 - CHANCE / max(len(last.candidates), 1)
         attached = {(e.id, p.name): (e, p) for e, p in end.model.attached}
         ended = [s.added for s in steps[1:] if pressed(end.model, end.fit, attached[s.added])]
-        beside = last.contested
-        judge = beside.fit if beside and not beside.together else steps[-1].fit
-        unsure = [s.added for s in steps[1:] if unknown and _may_be_nothing(judge, s, level)]
+        unsure = _unsure(dataset, steps, last, level) if unknown else []
         many = [s.added for s in steps[1:] if len(steps) > 2 and _nameless(s, refines)]
         if not ended + unsure + many:
             return steps, last
-        out |= dict.fromkeys(many, MANY) | dict.fromkeys(unsure, NOTHING) | dict.fromkeys(ended, ENDLESS)
+        none = dict.fromkeys(unsure, NOTHING) | dict.fromkeys(ended, ENDLESS)
+        out |= dict.fromkeys(many, MANY) | none
         steps = _ladder(dataset, steps[0], [s for s in steps[1:] if s.added not in out])
-        while len(steps) > 1 and _shortfall(dataset, steps, last.noise, 1, seed) > 1.0:
+        while none and len(steps) > 1 and _shortfall(dataset, steps, last.noise, 1, seed) > 1.0:
             out[steps[-1].added] = ALONE
             steps = _ladder(dataset, steps[0], steps[1:-1])
         last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed, progress, False)
@@ -322,6 +320,25 @@ def _sure(dataset, steps, last, seed, progress):
             steps = [*steps, _added(dataset, steps, last.winner, progress)]
             last = diagnose(dataset, steps[-1].model, steps[-1].fit, seed, progress, False)
             last.refuse(out)
+
+
+def _unsure(dataset, steps, last, level):
+    """Effects of a path that may be none: beside what is unknown, or beside the first of a class that explains it."""
+    end, first = steps[-1], last.contested
+    if first is None or first.together:
+        return [s.added for s in steps[1:] if _may_be_nothing(end.fit, s, level)]
+    return [s.added for s in steps[1:] if _may_be_nothing(first.fit, s, level)
+            and _may_be_nothing(_likeliest(dataset, end.model, first, s), s, level)]
+
+
+def _likeliest(dataset, model, other, step):
+    """The fit with another effect that the model lacks, and what the likelihood tells there of a step's size."""
+    keys = [*model.keys, other.key]
+    larger = compile_model(dataset.library, model.rig, keys)
+    smaller = compile_model(dataset.library, model.rig, [k for k in keys if k != step.added])
+    without = least_squares.fit_without(dataset, smaller, other.fit.parameters)
+    attached = next((e, p) for e, p in larger.attached if (e.id, p.name) == step.added)
+    return told_from_nothing(dataset, larger, replace(step.finding, fit=other.fit), smaller, without, attached)
 
 
 def _may_be_nothing(fit, step, level):
@@ -396,8 +413,9 @@ def _first(dataset, steps, seed, progress, known=None):
 
 
 def _ahead(dataset, steps, found, seed, progress):
-    """Go on with a provisional effect: the path on which all coefficients are constant, or None; its diagnosis.
+    """Go on with a provisional effect: the path on which all coefficients are constant and its diagnosis.
 
+    Or none, and what is left beside that effect alone.
     An effect that brings the ones before no nearer to that is not what they lack. Rivals that were as good while
     another was missing may be worse beside it; a path ends before the effect that too many do as well as.
     """
@@ -417,7 +435,7 @@ def _ahead(dataset, steps, found, seed, progress):
         if short >= before:
             break
         before = short
-    return None, told[-1]
+    return None, told[1]
 
 
 def _named(dataset, steps, noise, known, progress):
