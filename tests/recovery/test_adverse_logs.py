@@ -368,9 +368,9 @@ def test_what_is_predicted_to_leave_least_is_looked_at_whatever_its_score(tmp_pa
 @pytest.mark.slow
 @pytest.mark.parametrize(("case", "true"), [
     ("reference_zero:torque_saturation:1.3:1276000010", ("torque_saturation", "motor1+motor2")),
-    ("reference_gain:cross_load:2.4:1276000012", ("cross_load", "1A+2A"))])
+    ("reference_centre:load_nonlinearity:1.3:1276000010", ("load_nonlinearity", "1A+2A"))])
 def test_what_has_a_name_keeps_it_beside_what_is_one_of_a_class(case, true, tmp_path):
-    """Beside a wrong zero, or gain, of the reference, which eight constant torques and gains explain as well."""
+    """Beside a wrong zero, or centre, of the load model, for which as many constant torques and gains do as well."""
     first, last, found, shown = hidden(case, tmp_path)
     assert (first, last, found) == ("missing_effect", "unexplained", [true]), shown
 
