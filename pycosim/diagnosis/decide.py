@@ -48,7 +48,7 @@ CLEAR, FEW, UNTOLD = 0.1, 4, 2.0
 others do not tell the base model; a smaller one must do so with what the others alone tell. Of 16 short logs with
 nothing hidden two had a candidate that took a hundredth; true effects there took a quarter and more. One that takes so
 much and predicts no better is disproved by no fewer than so many blocks. Where the base model errs more than so many
-times as far with what the others alone tell, that is as good as drawn by lot: 1.0 to 1.6 times in 34 short logs, 4 to
+times as far with what the others alone tell, that is as good as drawn by lot: 1.0 to 1.6 times in 23 short logs, 4 to
 900 times in 13. There the whitened error decides, which counts what the others leave open: in a log of pick and place,
 32 times, an asymmetry that took 0.88 of the error was refused, and a torque constant, 47 noise variances behind, was
 not."""

@@ -138,7 +138,6 @@ def start_of(candidate, coefficients):
 def refit_best(dataset, model, fit, scores, findings, base, table, say):
     """Fit the model with each of the best candidates, and fill in what their findings say.
 
-    Those are the best by their scores, which hardly count what is slow, and the one that is predicted to leave least.
     The scores see each place from a base model bent to what is missing, so that the best effect's other places are
     fitted as well. So is what could add the same (an asymmetry of a loss taken for small is the offset that is
     missing), and what such an effect corrects: of a share of a loss taken for none no score tells. Of a memory, or a
@@ -175,9 +174,7 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
         return min(some, key=lambda f: f.selection.white.sum())
 
     likely, refines = [f for f in findings if f.p_value < 10 * LEVEL], corrections(dataset.library)
-    least = min(likely, key=lambda f: _squares(scores, f.predicted_error), default=None)
-    first = likely[:REFITS] + [f for f in likely[REFITS:] if f is least
-                               or "delay" in find_effect(dataset.library, f.effect).scan.values()]
+    first = _promising(dataset, scores, likely)
     dataset.library.ahead(model.rig, [[*model.keys, f.key] for f in first])
     seen, unseen, asked, best = list(refitted(first)), [], set(), None
     while seen and (best := lowest([*seen, *unseen])).key not in asked:
@@ -197,6 +194,13 @@ def refit_best(dataset, model, fit, scores, findings, base, table, say):
         if lowest((f, other)) is f or twins(base, f, other):  # a score sees no share of a loss taken for none
             f.p_value, f.p_value_single = min((f.p_value, f.p_value_single), (other.p_value, other.p_value_single))
     return seen + unseen
+
+
+def _promising(dataset, scores, likely):
+    """The best by their scores, which hardly count what is slow, what is predicted to leave least, and delays."""
+    least = min(likely, key=lambda f: _squares(scores, f.predicted_error), default=None)
+    return likely[:REFITS] + [f for f in likely[REFITS:] if f is least
+                              or "delay" in find_effect(dataset.library, f.effect).scan.values()]
 
 
 def _refitted(dataset, model, fit, scores, some, base, table, say):

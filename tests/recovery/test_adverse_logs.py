@@ -360,7 +360,7 @@ def test_two_effects_in_the_place_of_one_are_compared_with_that_and_another(tmp_
 
 @pytest.mark.slow
 def test_what_is_predicted_to_leave_least_is_looked_at_whatever_its_score(tmp_path):
-    """A hysteresis over 0.055 rad, behind coarse joint encoders, came sixteenth by its score."""
+    """A hysteresis over 0.055 rad, behind joint encoders of 15 bits, came thirteenth by its score."""
     first, last, found, shown = hidden("joint_encoders:load_hysteresis:2.4:957000011", tmp_path)
     assert (first, last, found) == ("missing_effect", "nothing_missing", [("load_hysteresis", "2A")]), shown
 

@@ -282,7 +282,7 @@ def test_a_memory_that_takes_half_of_the_best_is_refitted_at_its_other_places(ef
 
 @pytest.mark.parametrize(("error", "asked"), [(0.14, True), (0.4, False)])
 def test_what_is_predicted_to_leave_least_is_refitted_whatever_its_score(error, asked, monkeypatch):
-    """A hysteresis over a long way was predicted to take half of the error, came sixteenth, and was not looked at."""
+    """A hysteresis over a long way was predicted to take half of the error, came thirteenth, and was not looked at."""
     last = "load_hysteresis", "2A"
     some = scored([*(("viscous", f"place{n}") for n in range(12)), last], {last: error})
     assert (last in fitted_of(some, {("viscous", "place0"): 0.9}, monkeypatch)) == asked
