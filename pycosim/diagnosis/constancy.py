@@ -15,6 +15,7 @@ import numpy as np
 
 from ..compile import compile_model, component_name, places
 from ..data.instruments import rounding
+from ..fit.bounded import bounded
 from .crossval import difference
 from .dependence import AGAIN, FOLDS, SAMPLES, explanations
 from .rivals import ALIKE, SEPARATE
@@ -217,7 +218,7 @@ def as_good_a_law(dataset, before, after, key):
     A friction of speed times load, in a motion whose loads differ between the ways, is a viscosity and another one that
     differs between them: two effects, each of which is the same all over the data. So is the viscosity alone that grows
     with the load, and no more than that is known then. Both are fitted to four fifths of short stretches, with all that
-    is free before, and compared on the last.
+    is free before and within its bounds, and compared on the last; each as linear as its model is where it was fitted.
 
     Parameters
     ----------
@@ -235,20 +236,21 @@ def as_good_a_law(dataset, before, after, key):
     """
     (model, fit), (larger, found) = before, after
     slope, left, index, pieces, thin = _seen(dataset, model, fit)
-    more = _seen(dataset, larger, found)[0][:, [k for k, n in enumerate(found.free) if n not in fit.free]]
     effect, place = next(a for a in model.attached if (a[0].id, a[1].name) == key)
-    added = _added(model, fit, effect, place, slope)
+    added, own = _added(model, fit, effect, place, slope), component_name(effect, place)
     values = explanations(dataset, model, fit, index)
     if max(_follows(added, values, {n: levels(v) for n, v in values.items()}).values(), default=1.0) < OWN:
         return False
-    none, other = (_unseen(np.concatenate([slope, columns], axis=1), left, pieces) for columns in (more[:, :0], more))
+    room, scale = _room(fit, own), (fit.weights / found.weights)[:, None]
+    slopes, rest = _seen(dataset, larger, found)[:2]
+    none = _unseen(slope, left, pieces, room)
+    other = _unseen(scale[..., None] * slopes, scale * rest, pieces, _room(found, own))
     takes, spread = difference(none, other)
-    if takes <= SEPARATE * spread:  # without bounds the base model does what the further effects do
+    if takes <= SEPARATE * spread:
         return False
     lines = [_Law(n, SURE, {n: added}, {n: _straight(v)}) for n in values for v in _sided(values[n]) if np.ptp(v) > 0]
     for law in lines + _own_lines(values, _parts(dataset, model, fit, effect, place, thin)):
-        one = _unseen(np.concatenate([slope, law.varied()], axis=1), left, pieces)
-        behind, spread = difference(one, other)
+        behind, spread = difference(_unseen(np.concatenate([slope, law.varied()], axis=1), left, pieces, room), other)
         if behind <= SEPARATE * spread and behind < ALIKE * takes:
             return True
     return False
@@ -264,15 +266,29 @@ def _seen(dataset, model, fit):
     return slope, fit.weights[:, None] * problem.residual(fit.values), index, _pieces(problem.block), thin
 
 
-def _unseen(slope, left, pieces):
-    """Squares of a residual in each stretch, after a fit to the stretches of the other folds."""
-    size = np.sqrt((slope ** 2).sum((0, 2)))
-    slope, fold, found = slope[:, size > 0] / size[size > 0, None], pieces % FOLDS, np.zeros(pieces.max() + 1)
+def _room(fit, own):
+    """How far each free parameter of a fit may go down and up; what an effect of that name has is not held.
+
+    Without bounds the rest of a model may do what is missing, on a straight line of some variable at least: a gain of
+    one motor on a line of its torque did what it does with an offset beside it, by losses below nothing.
+    """
+    bounds = np.array([(-np.inf, np.inf) if n.startswith(own + ".") else (fit.variables[n].min, fit.variables[n].max)
+                       for n in fit.free])
+    return (bounds - np.asarray(fit.values)[:, None]).T
+
+
+def _unseen(slope, left, pieces, room):
+    """Squares of a residual in each stretch, after a fit to the stretches of the other folds, within bounds.
+
+    Columns of the slope beyond those of the room are free.
+    """
+    low, high = (np.r_[r, np.full(slope.shape[1] - len(r), end)] for r, end in zip(room, (-np.inf, np.inf)))
+    fold, found = pieces % FOLDS, np.zeros(pieces.max() + 1)
     own = [fold == f for f in range(FOLDS)]
     normal = np.array([(slope[..., o] @ slope[..., o].swapaxes(1, 2)).sum(0) for o in own])
     side = np.array([np.einsum("ckn,cn->k", slope[..., o], left[:, o]) for o in own])
     for o, n, s in zip(own, normal.sum(0) - normal, side.sum(0) - side):
-        error = left[:, o] - np.linalg.solve(n + TINY * np.eye(len(n)), s) @ slope[..., o]
+        error = left[:, o] + np.einsum("k,ckn->cn", bounded(n, -s, low, high)[1], slope[..., o])
         found += np.bincount(pieces[o], (error ** 2).sum(0), len(found))
     return found
 

@@ -203,12 +203,12 @@ def _beside_winner(here, larger, winner, clear, noise, scores, alone):
     """Say which pairs are ahead of the winner with another effect, or matched by it; the rest are returned."""
     known, seconds, outdone = {}, _seconds(scores, winner), []
     for pair in clear:
-        others = [k for k, n in seconds.items()
-                  if k not in pair.keys and len(winner.fit.free) + n <= len(pair.fit.free)]
-        for key in (k for k in (*pair.keys, *others) if k not in known):
+        more = {k: len(winner.fit.free) + n - len(pair.fit.free) for k, n in seconds.items() if k not in pair.keys}
+        others = [k for k in more if more[k] <= 0]
+        for key in (k for k in (*pair.keys, *more) if k not in known):
             start = {**pair.fit.parameters, **winner.fit.parameters}
             known[key] = beside(here, larger, start, key, noise, alone)
-        if any(known[k] and _ahead(known[k], pair.selection) for k in (*pair.keys, *others)):
+        if any(known[k] and _ahead(known[k], pair.selection, more.get(k, 0)) for k in (*pair.keys, *more)):
             outdone.append(pair)
         else:
             pair.matched = any(known[k] and alike(alone, known[k], pair.selection) for k in others)
@@ -302,9 +302,14 @@ def _as_well(pair, rival):
     return gap(pair, rival, "white")[0] < 2.0 * SEPARATE ** 2 and "raw" not in behind(pair, rival)
 
 
-def _ahead(one, pair):
-    """Whether unseen folds prefer one to a pair by what a coefficient is worth, and by a standard error."""
+def _ahead(one, pair, more=0):
+    """Whether unseen folds prefer one to a pair by what a coefficient is worth, and by a standard error.
+
+    By what tells rivals apart where it has more coefficients, and by what those are worth.
+    """
     gain, spread = gap(pair, one, "white")
+    if more > 0:
+        return gain > max(2.0 * SEPARATE ** 2 + 2.0 * more, SEPARATE * spread)
     return gain > max(2.0, spread)
 
 

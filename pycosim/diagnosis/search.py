@@ -778,6 +778,8 @@ def _in_common(dataset, steps, path, pair, seed, progress):
     sure = [s for s in path[len(steps):] if s.added in pair.common and not _nameless(s, refines)]
     if not sure:
         return None, None
+    # without the others, one that stands in for all of them is ahead again: it is not asked for in the last one's place
+    sure = [replace(s, finding=replace(s.finding, joint=False)) for s in sure]
     path = _ladder(dataset, steps[0], [*steps[1:], *sure])
     return path, diagnose(dataset, path[-1].model, path[-1].fit, seed + len(path) - 1, progress, False)
 
