@@ -9,6 +9,8 @@ import pytest
 
 from benchmarks.hidden_effects import cases
 from benchmarks.hidden_effects import machine as rig
+from benchmarks.hidden_effects.run import run
+from benchmarks.hidden_effects.summary import both
 from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model, component_name
 from pycosim.data.dataset import Dataset
@@ -179,7 +181,7 @@ def test_of_a_pair_the_one_with_a_name_that_all_as_good_pairs_have_is_kept(commo
     """Of a saturation and a wrong zero, or any of seven others that do as well beside it, none had a name."""
     def step(key, twins):
         others = [{"effect": f"effect{k}", "place": "a"} for k in range(twins)]
-        return Step(key, SimpleNamespace(keys=[key, "another"]), None, {}, {}, Finding(*key, twins=others))
+        return Step(key, SimpleNamespace(keys=[key, "another"]), None, {}, {}, Finding(*key, twins=others, joint=True))
 
     base = SimpleNamespace(added=None, model=SimpleNamespace(keys=[]), fit=None)
     path = [base, step(ZERO, 9), step(SATURATION, twins)]
@@ -192,6 +194,7 @@ def test_of_a_pair_the_one_with_a_name_that_all_as_good_pairs_have_is_kept(commo
     pair = SimpleNamespace(common=common, near=[])
     found, last = search._together(SimpleNamespace(library=None), path[:1], [pair], 0, None)
     assert (found and [s.added for s in found[1:]]) == kept and last == (whole if kept is None else "the rest")
+    assert kept is None or not found[-1].finding.joint, "without the other, what stands in for both is ahead of it"
 
 
 @pytest.mark.slow
@@ -285,6 +288,30 @@ def test_where_two_take_the_place_of_one_the_places_that_it_could_not_be_told_at
     search._tell_as_winner(None, path, path[1:], winner, None, None)
     assert asked == [[{"effect": "stribeck", "place": p} for p in ("2B", "1B+2B")]], "the mass is no alternative"
     assert path[1].finding.twins == [{"effect": "stribeck", "place": "2B"}] and not path[2].finding.twins
+
+
+@pytest.mark.parametrize(("gain", "ahead"), [(400.0, True), (7.0, False)])
+def test_a_pair_is_behind_a_winner_with_an_effect_of_more_coefficients(gain, ahead, monkeypatch):
+    """A loss and a preload of two coefficients hid: pairs of one each outdid the loss, and contested its name."""
+    monkeypatch.setattr(pairs, "_seconds", lambda scores, winner: {("configuration_preload", "2A"): 2})
+    monkeypatch.setattr(pairs, "beside", lambda here, larger, start, key, *given: key)
+    monkeypatch.setattr(pairs, "gap", lambda pair, one, kind: (gain, 3.0) if one[0] == "configuration_preload" else (
+        -50.0, 3.0))
+    monkeypatch.setattr(pairs, "alike", lambda *given: False)
+    fit = SimpleNamespace(free=["f0", "mu", "m"], parameters={})
+    pair = SimpleNamespace(keys=(("payload", "shank"), ZERO), clear=False, matched=False, selection=None,
+                           fit=SimpleNamespace(free=["f0", "a", "b", "c"], parameters={}))
+    winner = SimpleNamespace(fit=fit)
+    assert pairs._beside_winner(None, None, winner, [pair], None, None, None) == [pair] * ahead
+    assert pair.clear != ahead
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, 13, 37])
+def test_two_that_one_law_looked_as_good_as_are_both_named(seed):
+    """A gain and a constant; a law of the load and a saturation; a loss and a preload, of the track record."""
+    row = run(cases.Case("pair", cases.pair(seed), seed))
+    assert both(row), row
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 from scipy.stats import binom, norm
 
 from pycosim.diagnosis import constancy, search
@@ -75,22 +76,44 @@ def _by_load(law, seed):
     return [laws.gain(left, added[:, None] * _straight(v))[1] / SURE for v in _sided(load)]
 
 
+def _asked(measured, slopes, own, values, monkeypatch, most=np.inf):
+    """Whether the second column, on a straight line of a value, does as well as with the third beside it."""
+    fits, seen = {}, {}
+    for count in (2, 3):
+        room = (np.full(count, -np.inf), np.r_[most, np.full(count - 1, np.inf)])
+        x = lsq_linear(slopes[:count].T, measured, room).x
+        names = ["base.f", "gain_gear.g", "other_gear.a"][:count]
+        fits[count] = SimpleNamespace(free=names, values=x, weights=np.ones(1), variables={
+            n: SimpleNamespace(min=-np.inf, max=most if n == "base.f" else np.inf) for n in names})
+        seen[id(fits[count])] = -slopes[None, :count], (measured - x @ slopes[:count])[None]
+    added = fits[2].values[1] * own
+    monkeypatch.setattr(constancy, "_seen", lambda dataset, model, fit: (
+        *seen[id(fit)], None, _pieces(np.repeat(np.arange(30), 120)), 1))
+    monkeypatch.setattr(constancy, "_added", lambda *given: added[None])
+    monkeypatch.setattr(constancy, "_parts", lambda *given: {})
+    monkeypatch.setattr(constancy, "explanations", lambda *given: values)
+    attached = [(SimpleNamespace(id="gain"), SimpleNamespace(name="gear", components=("gear",)))]
+    return as_good_a_law(None, *((SimpleNamespace(attached=attached), fits[k]) for k in (2, 3)), ("gain", "gear"))
+
+
 def _as_good(law, load, seed, monkeypatch):
     """Whether a viscosity on a straight line does as well as one with an asymmetry beside it, fitted to a law."""
     rng = np.random.default_rng(seed)
     speed = rng.uniform(0.5, 2.0, 30).repeat(120) * np.sin(2 * np.pi * np.arange(3600) / 120)
     slopes = np.array([np.sign(speed), speed, np.abs(speed)])
     measured = law(speed, load) + 0.1 * rng.standard_normal(speed.size)
-    x = np.linalg.lstsq(slopes[:2].T, measured, rcond=None)[0]
-    seen = {2: slopes[None, :2], 3: slopes[None]}
-    viscous = SimpleNamespace(id="viscous"), SimpleNamespace(name="gear")
-    monkeypatch.setattr(constancy, "_seen", lambda dataset, model, fit: (
-        seen[len(fit.free)], (measured - x @ slopes[:2])[None], None, _pieces(np.repeat(np.arange(30), 120)), 1))
-    monkeypatch.setattr(constancy, "_added", lambda *given: (x[1] * speed)[None])
-    monkeypatch.setattr(constancy, "_parts", lambda *given: {})
-    monkeypatch.setattr(constancy, "explanations", lambda *given: {"load": load, "speed": speed})
-    before, after = ((SimpleNamespace(attached=[viscous]), SimpleNamespace(free=free)) for free in ("fb", "fba"))
-    return as_good_a_law(None, before, after, ("viscous", "gear"))
+    return _asked(measured, slopes, speed, {"load": load, "speed": speed}, monkeypatch)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("most", "told"), [(np.inf, True), (0.0, False)])
+def test_a_law_that_needs_a_loss_below_nothing_is_none(most, told, seed, monkeypatch):
+    """A gain and a constant: a gain that grows with the torque does both, where the base may have what is left."""
+    rng = np.random.default_rng(seed)
+    torque = 1.5 + np.sin(2 * np.pi * np.arange(3600) / 400 + 0.4)
+    slopes = np.array([1 - torque ** 2, torque, np.ones(3600)])
+    measured = 0.5 * torque + 0.4 + 0.1 * rng.standard_normal(3600)
+    assert _asked(measured, slopes, torque, {"torque": torque}, monkeypatch, most) == told
 
 
 @pytest.mark.parametrize("seed", range(5))
