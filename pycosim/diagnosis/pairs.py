@@ -208,7 +208,7 @@ def _beside_winner(here, larger, winner, clear, noise, scores, alone):
         for key in (k for k in (*pair.keys, *more) if k not in known):
             start = {**pair.fit.parameters, **winner.fit.parameters}
             known[key] = beside(here, larger, start, key, noise, alone)
-        if any(known[k] and _ahead(known[k], pair.selection, more.get(k, 0)) for k in (*pair.keys, *more)):
+        if any(known[k] and ahead(known[k], pair.selection, more.get(k, 0)) for k in (*pair.keys, *more)):
             outdone.append(pair)
         else:
             pair.matched = any(known[k] and alike(alone, known[k], pair.selection) for k in others)
@@ -256,6 +256,28 @@ def beside(dataset, without, start, key, noise, full):
     return select(dataset, larger, fitted, noise, full)
 
 
+def ahead(one, other, more=0):
+    """Whether unseen folds prefer a model to another by what a coefficient is worth, and by a standard error.
+
+    By what tells rivals apart where it has more coefficients, and by what those are worth.
+
+    Parameters
+    ----------
+    one, other : Selection
+        Of the same folds at one noise level.
+    more : int
+        Coefficients that the first has more.
+
+    Returns
+    -------
+    bool
+    """
+    gain, spread = gap(other, one, "white")
+    if more > 0:
+        return gain > max(2.0 * SEPARATE ** 2 + 2.0 * more, SEPARATE * spread)
+    return gain > max(2.0, spread)
+
+
 def _refitted(here, without, start, lacking, some, noise, alone, progress):
     """Pairs with their model, their fit from where another has brought the parameters, and their selection."""
     found = []
@@ -300,17 +322,6 @@ def _is_some(dataset, pair, finding, attached):
 def _as_well(pair, rival):
     """Whether unseen folds do not tell two effects from one by more than tells rivals apart, nor the plain error."""
     return gap(pair, rival, "white")[0] < 2.0 * SEPARATE ** 2 and "raw" not in behind(pair, rival)
-
-
-def _ahead(one, pair, more=0):
-    """Whether unseen folds prefer one to a pair by what a coefficient is worth, and by a standard error.
-
-    By what tells rivals apart where it has more coefficients, and by what those are worth.
-    """
-    gain, spread = gap(pair, one, "white")
-    if more > 0:
-        return gain > max(2.0 * SEPARATE ** 2 + 2.0 * more, SEPARATE * spread)
-    return gain > max(2.0, spread)
 
 
 def _luck(candidates):

@@ -396,14 +396,14 @@ def _first(dataset, steps, seed, progress, known=None):
     several = pairs.fitted(dataset, step.model, step.fit, known, progress, len(steps) == 1) if unknown else iter(())
     ahead, last, known = None, None, None
     if unknown and len(steps) == 1 and not found.contested:
-        ahead, last = _together(dataset, steps, next(several), seed, progress)
+        ahead, last = _together(dataset, steps, _beyond_one(found, next(several)), seed, progress)
     if ahead is None and found.provisional:
         ahead, last = _ahead(dataset, steps, found, seed, progress)
     alone = last is not None and found.contested and last.verdict == "nothing_missing"
     if ahead is None and found.winner and len(steps) + 1 <= TOGETHER:
         ahead, last = _doubled(dataset, steps, found, seed, progress)
     for some in several if ahead is None and not alone else ():
-        ahead, last = _together(dataset, steps, some, seed, progress)
+        ahead, last = _together(dataset, steps, _beyond_one(found, some), seed, progress)
         if ahead is not None:
             break
     if ahead is None:
@@ -767,6 +767,16 @@ def _together(dataset, steps, some, seed, progress):
         return path, last
     common, left = _in_common(dataset, steps, path, pair, seed, progress)
     return common, last if common is None else left
+
+
+def _beyond_one(found, some):
+    """Those of some pairs or threes that unseen folds do not put behind the one effect that is to be gone on with.
+
+    They are asked for before that one is: three stand-ins of a delay beside a wrong mass were ahead of nothing else.
+    """
+    one = found.provisional
+    return [p for p in some if one is None or not pairs.ahead(
+        one.selection, p.selection, len(one.fit.free) - len(p.fit.free))]
 
 
 def _in_common(dataset, steps, path, pair, seed, progress):

@@ -253,6 +253,12 @@ def test_a_reference_two_percent_off_is_found_beside_an_effect_and_its_alternati
 
 
 @pytest.mark.slow
+def test_a_delay_beside_a_wrong_mass_is_not_three_other_effects(tmp_path):
+    _, last, found, shown = hidden("reference_mass:time_delay:1.7:1276000008", tmp_path)
+    assert set(found) == {("time_delay", "torque"), ("reference_mass", "shank")} and last == "nothing_missing", shown
+
+
+@pytest.mark.slow
 def test_a_delay_that_shows_in_slow_samples_alone_is_found_in_three_passes(tmp_path):
     found = pc.open(make("short:time_delay:2.4:3201", tmp_path, quick=True)).improve()
     assert [step.added for step in found.steps] == [None, "time_delay@torque"]

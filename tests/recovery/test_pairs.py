@@ -290,6 +290,17 @@ def test_where_two_take_the_place_of_one_the_places_that_it_could_not_be_told_at
     assert path[1].finding.twins == [{"effect": "stribeck", "place": "2B"}] and not path[2].finding.twins
 
 
+@pytest.mark.parametrize(("gain", "kept"), [(50.0, False), (-50.0, True)])
+def test_what_one_effect_is_ahead_of_is_not_asked_before_it(gain, kept, monkeypatch):
+    """Three stand-ins of a delay beside a wrong mass had constant coefficients, 2900 noise variances behind the delay."""
+    monkeypatch.setattr(pairs, "gap", lambda other, one, kind: (gain, 3.0))
+    fit = SimpleNamespace(free=["f0", "d"])
+    three = SimpleNamespace(selection=None, fit=SimpleNamespace(free=["f0", "a", "b", "c"]))
+    one = SimpleNamespace(selection=None, fit=fit)
+    assert search._beyond_one(SimpleNamespace(provisional=one), [three]) == [three] * kept
+    assert search._beyond_one(SimpleNamespace(provisional=None), [three]) == [three]
+
+
 @pytest.mark.parametrize(("gain", "ahead"), [(400.0, True), (7.0, False)])
 def test_a_pair_is_behind_a_winner_with_an_effect_of_more_coefficients(gain, ahead, monkeypatch):
     """A loss and a preload of two coefficients hid: pairs of one each outdid the loss, and contested its name."""
