@@ -292,7 +292,7 @@ def test_where_two_take_the_place_of_one_the_places_that_it_could_not_be_told_at
 
 @pytest.mark.parametrize(("gain", "kept"), [(50.0, False), (-50.0, True)])
 def test_what_one_effect_is_ahead_of_is_not_asked_before_it(gain, kept, monkeypatch):
-    """Three stand-ins of a delay beside a wrong mass had constant coefficients, 2900 noise variances behind the delay."""
+    """Three stand-ins of a delay beside a wrong mass had constant coefficients, 2900 noise variances behind it."""
     monkeypatch.setattr(pairs, "gap", lambda other, one, kind: (gain, 3.0))
     fit = SimpleNamespace(free=["f0", "d"])
     three = SimpleNamespace(selection=None, fit=SimpleNamespace(free=["f0", "a", "b", "c"]))
