@@ -189,7 +189,8 @@ def page(rows):
     skipped, rows = [r for r in rows if "skipped" in r], [r for r in rows if "skipped" not in r]
     yield TOP
     parts = {f"The {half} half": [r for r in rows if r["half"] == half] for half in ("development", "final")}
-    for title, some in {"Both halves": rows, **parts}.items():
+    whole = {"Both halves": rows} if all(parts.values()) else {}
+    for title, some in {**whole, **parts}.items():
         if some:
             kinds = Counter(r["kind"] for r in some)
             yield f"## {title}: {len(some)} cases\n"
