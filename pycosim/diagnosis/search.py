@@ -772,7 +772,7 @@ def _together(dataset, steps, some, seed, progress):
 def _beyond_one(found, some):
     """Those of some pairs or threes that unseen folds do not put behind the one effect that is to be gone on with.
 
-    They are asked for before that one is: three stand-ins of a delay beside a wrong mass were ahead of nothing else.
+    They come before it: three stand-ins of a delay beside a wrong mass stayed, though the delay was ahead of them.
     """
     one = found.provisional
     return [p for p in some if one is None or not pairs.ahead(
