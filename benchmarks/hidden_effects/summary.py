@@ -25,7 +25,7 @@ How often the diagnosis was right about effects hidden in logs of an independent
 recorder that misses samples; sizes, places, signs and other coefficients drawn continuously. *Size* is the error of the
 base model with the effect over the error without it. Made by
 
-    python -m benchmarks.hidden_effects.run --out cases.jsonl
+    python -m benchmarks.hidden_effects.run{half} --out cases.jsonl
     python -m benchmarks.hidden_effects.summary cases.jsonl --figure docs/images/confusion.png > this page
 """
 WORDS = {"none": "with nothing hidden", "paired": "with nothing hidden and no torque reference",
@@ -187,9 +187,10 @@ def page(rows):
     str
     """
     skipped, rows = [r for r in rows if "skipped" in r], [r for r in rows if "skipped" not in r]
-    yield TOP
+    halves = {r["half"] for r in rows}
+    yield TOP.format(half="" if len(halves) > 1 else f" --half {min(halves)}")
     parts = {f"The {half} half": [r for r in rows if r["half"] == half] for half in ("development", "final")}
-    whole = {"Both halves": rows} if all(parts.values()) else {}
+    whole = {"Both halves": rows} if len(halves) > 1 else {}
     for title, some in {**whole, **parts}.items():
         if some:
             kinds = Counter(r["kind"] for r in some)

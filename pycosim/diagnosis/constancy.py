@@ -288,7 +288,7 @@ def _unseen(slope, left, pieces, room):
     normal = np.array([(slope[..., o] @ slope[..., o].swapaxes(1, 2)).sum(0) for o in own])
     side = np.array([np.einsum("ckn,cn->k", slope[..., o], left[:, o]) for o in own])
     for o, n, s in zip(own, normal.sum(0) - normal, side.sum(0) - side):
-        error = left[:, o] + np.einsum("k,ckn->cn", bounded(n, -s, low, high)[1], slope[..., o])
+        error = left[:, o] + bounded(n, -s, low, high)[1] @ slope[..., o]
         found += np.bincount(pieces[o], (error ** 2).sum(0), len(found))
     return found
 
