@@ -36,6 +36,16 @@ def browser():
         opened.close()
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    """Beside what failed, what the page said then: a wait that ends in vain does not tell why."""
+    report = yield
+    shown = getattr(item, "funcargs", {}).get("page")
+    if call.when == "call" and report.failed and shown is not None and not shown.is_closed():
+        report.sections.append(("What the page said", shown.locator("body").inner_text()))
+    return report
+
+
 @pytest.fixture
 def page(browser):
     """A page; the test fails when it logs an error, or asks anyone but this machine."""

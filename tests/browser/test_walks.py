@@ -104,6 +104,7 @@ def rubbing(barrier):
 def test_what_no_effect_explains_ends_as_an_effect_file_of_the_user_s_own(app, page, rubbing):
     address, folder = app(rubbing / "study.toml")
     page.goto(address)
+    charted(page)  # nothing moves under a click any more
     tab(page, "Effects")
     page.get_by_role("button", name="Diagnose").click()
     page.get_by_text("Something is missing that no effect of the library explains").wait_for(timeout=3 * LONG)
