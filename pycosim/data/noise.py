@@ -98,11 +98,14 @@ class Noise:
         one that means over many samples tell of.
     memory : float
         Correlation time of the slow part [s].
+    coarse : bool
+        Whether means over many samples told it, and single ones scatter less.
     """
 
     white: float
     slow: float = 0.0
     memory: float = 0.0
+    coarse: bool = False
 
     def single(self, width):
         """The noise of single samples, where this is that of means of ``width`` samples.
@@ -361,7 +364,7 @@ def fit_noise(residual, chain, absorbed=None):
         return found
     (_, other), = proved
     between = math.sqrt(np.mean(np.diff(residual)[chain.gaps[1:] == means.step] ** 2) / 2)  # at least what is white
-    return replace(other, white=max(other.white, min(found.white, between)))
+    return replace(other, white=max(other.white, min(found.white, between)), coarse=True)
 
 
 def likelier(residual, chain, absorbed, columns):

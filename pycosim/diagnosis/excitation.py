@@ -78,7 +78,8 @@ def smallest(scores, level, matters, hidden=()):
         candidate = score.candidate
         sided = len(candidate.parts) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
         tail = min(np.exp(-thresholds[score.scanned]) * (2 if sided else 1), 1.0)
-        wanted = np.sqrt(chdtri(len(candidate.parts), tail)) + ndtri(0.9)
+        least = chdtri(len(candidate.parts), tail)
+        wanted = (np.sqrt(least / (1.0 - least / score.limit)) if least < score.limit else np.inf) + ndtri(0.9)
         spread = float(np.min(score.spread))
         enough = np.sqrt(matters / (1 - matters)) / max(scores.weight(candidate, 1.0), 1e-300)
         size = float(max(wanted * spread, enough + ndtri(0.9) * spread))

@@ -72,7 +72,7 @@ def as_findings(table, scores):
         penalty = 2.0 * (len(candidate.parts) + len(candidate.effect.scan))
         finding = Finding(candidate.effect.id, candidate.place.name, statistic=score.value - penalty)
         finding.p_value_single = float(np.exp(-score.surprise))
-        finding.p_value = scores.family(score.surprise, score.scanned)
+        finding.p_value = scores.family(score.drawn, score.scanned)
         finer = _clearest(scores, score) if score.scanned else scores.refined.get(candidate.key, score)
         finding.start = start_of(finer.candidate, finer.coefficients)
         finding.predicted_error = scores.predicted(finer.candidate, finer.coefficients)
@@ -87,7 +87,7 @@ def _clearest(scores, best):
     """
     mine = [s for s in scores.results if s.candidate.key == best.candidate.key and s.coefficients is not None]
     shared = [s for s in mine if not s.candidate.extra["runs"]]
-    sure = [s for s in mine if scores.family(s.surprise, True) < LEVEL and _turns(s, shared)]
+    sure = [s for s in mine if scores.family(s.drawn, True) < LEVEL and _turns(s, shared)]
     errors = {id(s): scores.predicted(s.candidate, s.coefficients) for s in sure}
     return min(sure, key=lambda s: _squares(scores, errors[id(s)]), default=best)
 

@@ -13,7 +13,7 @@ def scores(spread):
                                 effect=SimpleNamespace(id="viscous"), place=SimpleNamespace(name="1A"))
     table = SimpleNamespace(contribution=lambda effect: None,
                             described=lambda contribution: {"b": SimpleNamespace(unit="N.m.s/rad")})
-    score = SimpleNamespace(visible=True, scanned=False, candidate=candidate, spread=np.array([spread]))
+    score = SimpleNamespace(visible=True, scanned=False, candidate=candidate, spread=np.array([spread]), limit=np.inf)
     return SimpleNamespace(threshold=lambda level, scanned: 12.0, weight=lambda candidate, size: size, results=[score],
                            table=table)
 

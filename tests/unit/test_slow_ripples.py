@@ -44,7 +44,7 @@ def scored(path, seed, ripple):
     data = Dataset(load_study(path / "study.toml"), LIBRARY)
     scores = Scores(Table(data, data.base, least_squares.fit(data, data.base)))
     best = max((s for s in scores.results if s.scanned), key=lambda s: s.surprise)
-    return scores.noise[0], best.candidate.grid["n"], scores.family(best.surprise, True)
+    return scores.noise[0], best.candidate.grid["n"], scores.family(best.drawn, True)
 
 
 def test_a_ripple_of_four_cycles_in_slow_motion_is_no_noise(tmp_path):
