@@ -82,10 +82,10 @@ def ripples(table, noise, draws, rng, first=0):
         if not len(cycles):
             continue
         found.tried += len(cycles)
-        values, surprise, chance = _scan(table, scores, contribution, place, cycles, signs)
+        surprise, chance, agreeing = _scan(table, scores, contribution, place, cycles, signs)
         found.chance = np.maximum(found.chance, chance)
-        for k in _peaks(cycles, surprise):
-            _add(table, found, contribution, place, cycles[k], first, scores.runs, values[:, k])
+        for peak in _peaks(cycles, surprise):
+            _add(table, found, contribution, place, peak, first, scores.runs, agreeing)
     return found
 
 
@@ -177,7 +177,7 @@ def _cycles(table, contribution, place):
 
 
 def _scan(table, scores, contribution, place, cycles, signs):
-    """Statistic and surprise of every number of cycles, and the largest surprise that each draw of signs gives.
+    """Surprise of every number of cycles, the largest that each draw of signs gives, and how many stretches may agree.
 
     An encoder may count from somewhere else after each start, and the phase is another in each run then: the more
     surprising of both counts, one phase for all runs or one in each, in what is found and in the draws.
@@ -190,6 +190,7 @@ def _scan(table, scores, contribution, place, cycles, signs):
     shared = _Fourier.of(table, angles, scores.base, np.zeros_like(scores.stretch)) if scores.base else None
     families = [[np.arange(scores.stretches)], *([scores.runs] if len(scores.runs) > 1 else [])]
     values, largest = [[] for _ in families], np.zeros((len(families), len(signs)), dtype=np.float32)
+    share = np.zeros(scores.stretches)
     for k in range(0, len(cycles), _CHUNK):
         some = cycles[k:k + _CHUNK]
         sums = drive(some)[:, 0]
@@ -197,13 +198,15 @@ def _scan(table, scores, contribution, place, cycles, signs):
         if shared:
             sums -= scores.absorbed.T @ shared(some)[0]
         sums[:, (np.abs(sums) ** 2).sum(0) <= ABSORBED * raw] = 0.0
+        power = np.abs(sums) ** 2
+        share += (power / np.maximum(power.sum(0), 1e-300)).sum(1)
         for told, most, family in zip(values, largest, families):
             parts = [(r, _uncorrelated(sums[r])) for r in family]
             told.append(sum(v.sum(0) ** 2 for _, both in parts for v in both))
             np.maximum(most, sum((signs[:, r] @ v) ** 2 for r, both in parts for v in both).max(axis=1), out=most)
-    values = np.array([np.concatenate(v) for v in values])
-    return values, *(np.max([_surprise(v, len(family)) for v, family in zip(which, families)], axis=0)
-                     for which in (values, largest))
+    agreeing = share.sum() ** 2 / max((share ** 2).sum(), 1e-300)
+    return *(np.max([_surprise(f(v), len(family)) for v, family in zip(which, families)], axis=0)
+             for f, which in ((np.concatenate, values), (np.asarray, largest))), agreeing
 
 
 def _surprise(value, runs):
@@ -262,29 +265,29 @@ class _Fourier:
 
 
 def _peaks(cycles, surprise):
-    """Which numbers of cycles the highest peaks are at, more than one cycle over the travel apart."""
+    """Numbers of cycles of the highest peaks, more than one cycle over the travel apart."""
     found = []
     for k in np.argsort(-surprise):
-        if all(abs(cycles[k] - cycles[n]) * STEP > cycles[1] - cycles[0] for n in found):
-            found.append(k)
+        if all(abs(cycles[k] - n) * STEP > cycles[1] - cycles[0] for n in found):
+            found.append(float(cycles[k]))
         if len(found) == PEAKS or len(cycles) < 2:
             break
     return found
 
 
-def _add(table, found, contribution, place, cycles, first, runs, values):
-    """Candidates of a ripple: with its two columns, and with two in each run; each with the statistic of the scan."""
-    (frequency, quadrature), cycles = _periodic(contribution.effect), float(cycles)
+def _add(table, found, contribution, place, cycles, first, runs, agreeing):
+    """Candidates of a ripple: with its two columns, and with two in each run."""
+    frequency, quadrature = _periodic(contribution.effect)
     columns = [sum(table.column(contribution, c, {frequency: cycles, quadrature: phase})[0] for c in place.components)
                for phase in (0.0, np.pi / 2)]
     bound = table.described(contribution)[contribution.coefficients[0]].max
     numbers = np.unique(table.run)
     apart = [c * (table.run == k) for k in numbers for c in columns]
     labels = [table.dataset.parameters.labels[k] for k in numbers]
-    for parts, own, value in zip((columns, apart), ([], labels), values):
+    for parts, own in [(columns, []), *([(apart, labels)] if len(runs) > 1 else [])]:
         start, many = first + len(found.columns), len(parts)
         found.columns += parts
         found.candidates.append(Candidate(
             contribution.effect, place, {frequency: cycles, quadrature: 0.0}, [[start + k] for k in range(many)],
             [contribution.coefficients[0]], np.full(many, -bound), np.full(many, bound),
-            {"scanned": True, "phase": quadrature, "runs": own, "of_stretches": float(value)}))
+            {"scanned": True, "phase": quadrature, "runs": own, "agreeing": agreeing}))

@@ -34,7 +34,7 @@ class Score:
     """Test of one candidate: statistic, minus log of its single p-value, coefficients, and whether it can be seen.
 
     What chance makes of a scan over thousands of numbers of cycles is drawn from the stretches of the log, and gets no
-    larger than all of them agreeing makes it. ``limit`` is the statistic of that, ``drawn`` the surprise in that count.
+    larger than all of them agreeing makes it. ``drawn`` is the surprise in that count.
     """
 
     candidate: object
@@ -44,12 +44,34 @@ class Score:
     visible: bool = False
     spread: np.ndarray | None = None
     drawn: float = 0.0
-    limit: float = np.inf
 
     @property
     def scanned(self):
         """Whether it is one of thousands of numbers of cycles."""
         return bool(self.candidate and self.candidate.extra.get("scanned"))
+
+    @property
+    def limit(self):
+        """Statistic that all stretches of the log give where they agree; infinite where none are drawn."""
+        return self.candidate.extra.get("agreeing", np.inf)
+
+    def within(self, value):
+        """A statistic as a draw from stretches would show it.
+
+        Stretches tell the variance of their sum as well, an effect's part in it with the rest: of known noise's
+        statistic :math:`T`, the draws show :math:`T / (1 + T / limit)`. Counted without that, the largest of thousands
+        was below 0.05 in one sound log of seven.
+
+        Parameters
+        ----------
+        value : float
+            In known noise.
+
+        Returns
+        -------
+        float
+        """
+        return value / (1.0 + value / self.limit)
 
 
 class Scores:
@@ -356,10 +378,10 @@ class Scores:
             coarse = np.array([rounded[part].sum(0) for part in candidate.parts])
             inner = inner + coarse @ coarse.T / max(coarse.shape[1], 1)
             value, coefficients = self.fall(candidate)
-            surprise, limit = float(self._surprise(value, d, sided, self._dof(candidate))), _limit(candidate, value)
-            drawn = float(self._surprise(_within(value, limit), d, sided, self._dof(candidate)))
+            surprise, drawn = (float(self._surprise(v, d, sided, self._dof(candidate)))
+                               for v in (value, Score(candidate).within(value)))
             spread = np.sqrt(self.variance * self._inflation(candidate) * np.diag(np.linalg.inv(inner)))
-            self.results.append(Score(candidate, value, surprise, coefficients, True, spread, drawn, limit))
+            self.results.append(Score(candidate, value, surprise, coefficients, True, spread, drawn))
             if not candidate.extra.get("scanned"):
                 z = np.array([noise[:, part].sum(1) for part in candidate.parts]).T
                 chance = np.einsum("bi,ij,bj->b", z, np.linalg.inv(inner), z)
@@ -664,7 +686,7 @@ class Scores:
                 value = 0.0
             else:
                 value = float(moved @ np.linalg.lstsq(inner, moved, rcond=1e-9)[0])
-                value = _within(value / (self.variance * self._inflation(candidate)), score.limit)
+                value = score.within(value / (self.variance * self._inflation(candidate)))
             sided = len(groups) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
             told = self.family(float(self._surprise(value, len(groups), sided, self._dof(candidate))), score.scanned)
             found[candidate.key] = min(told, found.get(candidate.key, 1.0))
@@ -713,22 +735,6 @@ class Scores:
         """
         within = 1 - (1 - level) ** (1 / self._families)
         return float(np.quantile(self.largest[scanned], 1 - within)) if len(self.largest[scanned]) else 0.0
-
-
-def _limit(candidate, value):
-    """Statistic of a candidate in which all stretches of the log agree; without limit where none were scanned.
-
-    Stretches tell the variance of their sum as well, an effect's part in it with the rest: a scan's statistic is that
-    of known noise, :math:`T`, as :math:`T / (1 + T / limit)`. Counted without that, the largest of thousands was below
-    0.05 in one sound log of six.
-    """
-    scanned = candidate.extra.get("of_stretches", np.inf)
-    return scanned * value / (value - scanned) if scanned < value else np.inf
-
-
-def _within(value, limit):
-    """A statistic as a scan over stretches counts it."""
-    return value / (1.0 + value / limit)
 
 
 def summed(matrix, groups):

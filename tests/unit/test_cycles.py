@@ -114,7 +114,7 @@ def test_chance_is_flat_where_nothing_is_hidden(noise, runs):
         scores = cycles._Scores.of(seen, [Noise(1.0)])
         signs = rng.choice(np.array([-1.0, 1.0], dtype=np.float32), (199, scores.stretches))
         place = seen.scans[0][1]
-        _, value, chance = cycles._scan(seen, scores, RIPPLE, place, cycles._cycles(seen, RIPPLE, place), signs)
+        value, chance, _ = cycles._scan(seen, scores, RIPPLE, place, cycles._cycles(seen, RIPPLE, place), signs)
         below.append(np.mean(chance >= value.max()))
     assert 0.01 <= np.mean(np.array(below) < 0.1) <= 0.20
     assert 0.35 <= np.mean(np.array(below) < 0.5) <= 0.65
