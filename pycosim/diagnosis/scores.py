@@ -55,24 +55,6 @@ class Score:
         """Statistic that all stretches of the log give where they agree; infinite where none are drawn."""
         return self.candidate.extra.get("agreeing", np.inf)
 
-    def within(self, value):
-        """A statistic as a draw from stretches would show it.
-
-        Stretches tell the variance of their sum as well, an effect's part in it with the rest: of known noise's
-        statistic :math:`T`, the draws show :math:`T / (1 + T / limit)`. Counted without that, the largest of thousands
-        was below 0.05 in one sound log of seven.
-
-        Parameters
-        ----------
-        value : float
-            In known noise.
-
-        Returns
-        -------
-        float
-        """
-        return value / (1.0 + value / self.limit)
-
 
 class Scores:
     """Score tests of all candidates of a table.
@@ -378,8 +360,8 @@ class Scores:
             coarse = np.array([rounded[part].sum(0) for part in candidate.parts])
             inner = inner + coarse @ coarse.T / max(coarse.shape[1], 1)
             value, coefficients = self.fall(candidate)
-            surprise, drawn = (float(self._surprise(v, d, sided, self._dof(candidate)))
-                               for v in (value, Score(candidate).within(value)))
+            surprise = float(self._surprise(value, d, sided, self._dof(candidate)))
+            drawn = self._drawn(candidate, value, sided)
             spread = np.sqrt(self.variance * self._inflation(candidate) * np.diag(np.linalg.inv(inner)))
             self.results.append(Score(candidate, value, surprise, coefficients, True, spread, drawn))
             if not candidate.extra.get("scanned"):
@@ -504,6 +486,19 @@ class Scores:
             return -self._log_chi2(value, d, sided)
         log = np.log(special.fdtrc(d, dof, np.asarray(value) / d) + 1e-320)
         return -(log + (np.log(0.5) if sided else 0.0)) * (np.asarray(value) > 0)
+
+    def _drawn(self, candidate, value, sided):
+        """Surprise of a statistic T as the draws of chance count it.
+
+        Stretches tell the variance of their sum as well, an effect's part in it with the rest: the draws of a scan show
+        T / (1 + T / limit). Counted without that, the largest of thousands was below 0.05 in one sound log of seven.
+        Where the noise is known with few degrees of freedom, T has been lessened for that as much.
+        """
+        d = len(candidate.parts)
+        found = float(self._surprise(value, d, sided, self._dof(candidate)))
+        if not candidate.extra.get("scanned"):
+            return found
+        return min(found, float(-self._log_chi2(value / (1.0 + value / Score(candidate).limit), d, sided)))
 
     @staticmethod
     def _log_chi2(value, d, sided):
@@ -686,9 +681,9 @@ class Scores:
                 value = 0.0
             else:
                 value = float(moved @ np.linalg.lstsq(inner, moved, rcond=1e-9)[0])
-                value = score.within(value / (self.variance * self._inflation(candidate)))
+                value /= self.variance * self._inflation(candidate)
             sided = len(groups) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
-            told = self.family(float(self._surprise(value, len(groups), sided, self._dof(candidate))), score.scanned)
+            told = self.family(self._drawn(candidate, value, sided), score.scanned)
             found[candidate.key] = min(told, found.get(candidate.key, 1.0))
         return found
 

@@ -6,6 +6,7 @@ import pytest
 from scipy.signal import butter, lfilter, sosfilt
 from scipy.stats import binom, kstest
 
+from benchmarks.real_logs.make import make
 from pycosim.compile import Library
 from pycosim.data.dataset import Dataset
 from pycosim.diagnosis.decide import scored
@@ -47,6 +48,11 @@ def louder(rng, n):
     return white(rng, n) * np.linspace(0.5, 1.5, n)
 
 
+def of(study, seed=0):
+    data = Dataset(load_study(study), LIBRARY)
+    return scored(data, data.base, least_squares.fit(data, data.base), seed)[1]
+
+
 def smallest(folder, seed, noise):
     """Family-wise p-values of a sound log of an axis: the smallest of the ripples, and of all else."""
     rng, time = np.random.default_rng(seed), np.arange(0, 60, 0.01)
@@ -56,8 +62,7 @@ def smallest(folder, seed, noise):
     force = a + 0.05 * np.sign(v) + 0.4 * v + noise(rng, len(time))
     pd.DataFrame({"time": time, "x": x, "F": force}).to_csv(folder / "log.csv", index=False)
     (folder / "study.toml").write_text(STUDY)
-    data = Dataset(load_study(folder / "study.toml"), LIBRARY)
-    _, scores = scored(data, data.base, least_squares.fit(data, data.base), seed)
+    scores = of(folder / "study.toml", seed)
     return [min((scores.family(s.drawn, s.scanned) for s in scores.results if s.visible and s.scanned == scanned),
                 default=1.0) for scanned in (True, False)]
 
@@ -70,3 +75,11 @@ def test_a_p_value_is_small_no_more_often_than_it_says(noise, tmp_path):
         assert np.sum(np.array(p) < level) <= binom.ppf(0.999, LOGS, level), np.sort(p)
     if noise is not filtered:  # of what a filter leaves in the band of a ripple, too much is taken for noise
         assert kstest(p, "uniform").pvalue > 0.001, np.sort(p)
+
+
+@pytest.mark.long
+def test_a_ripple_of_one_cycle_over_the_travel_is_no_chance(tmp_path):
+    """What it adds to one stretch it takes off another: by their own scatter no more than 26 agree, by chance 24."""
+    scores = of(make("noise_load:torque_ripple:2.4:182000004", tmp_path, quick=True))
+    best = max((s for s in scores.results if s.scanned), key=lambda s: s.value)
+    assert best.candidate.key == ("torque_ripple", "motor2") and scores.family(best.drawn, True) < 0.01
