@@ -177,7 +177,7 @@ def _cycles(table, contribution, place):
 
 
 def _scan(table, scores, contribution, place, cycles, signs):
-    """Surprise of every number of cycles, the largest that each draw of signs gives, and how many stretches may agree.
+    """Surprise of every number of cycles, the largest that each draw of signs gives, and how many sums may agree.
 
     An encoder may count from somewhere else after each start, and the phase is another in each run then: the more
     surprising of both counts, one phase for all runs or one in each, in what is found and in the draws.
@@ -204,7 +204,7 @@ def _scan(table, scores, contribution, place, cycles, signs):
             parts = [(r, _uncorrelated(sums[r])) for r in family]
             told.append(sum(v.sum(0) ** 2 for _, both in parts for v in both))
             np.maximum(most, sum((signs[:, r] @ v) ** 2 for r, both in parts for v in both).max(axis=1), out=most)
-    agreeing = share.sum() ** 2 / max((share ** 2).sum(), 1e-300)
+    agreeing = 2 * share.sum() ** 2 / max((share ** 2).sum(), 1e-300)  # a sine and a cosine each
     return *(np.max([_surprise(f(v), len(family)) for v, family in zip(which, families)], axis=0)
              for f, which in ((np.concatenate, values), (np.asarray, largest))), agreeing
 
