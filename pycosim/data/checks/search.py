@@ -120,12 +120,31 @@ class Search:
             self.given)}}, [])
 
     def _from_elsewhere(self, k):
-        relation, found = self.relations[k], self.given.holds[k]
-        if isinstance(relation, RateRelation) or not relation.free:
-            return found
-        others = [relation.hold(self.readings, self.given.sources, start=start * relation.given[relation.at])
-                  for start in _STARTS]
-        return min([found, *others], key=_cost)
+        relation = self.relations[k]
+        return self._best_of(k, self.given, [start * relation.given[relation.at] for start in _STARTS] if getattr(
+            relation, "free", None) else [])
+
+    def _best_of(self, k, state, starts):
+        """How well a relation holds in a state, from several starts as well."""
+        others = [self.relations[k].hold(self.readings, state.sources, start=start) for start in starts]
+        return min([state.holds[k], *others], key=_cost)
+
+    def _fair_beside(self, state):
+        """The log as given, fitted from where changes ended as well: torques that are all called larger fit no better.
+
+        Parameters with a unit are brought to the size that the channels have as given.
+        """
+        found = {}
+        for k in self._off(self.given):
+            relation, there = self.relations[k], state.holds[k]
+            starts = []
+            if getattr(relation, "free", None):
+                size = [np.linalg.norm(relation.measured(self.readings, s)) for s in (
+                    self.given.sources, state.sources)]
+                sized = np.array([relation.units[n] != "1" for n in relation.free])
+                starts.append(np.where(sized, size[0] / max(size[1], 1e-300), 1.0) * there.x)
+            found[k] = self._best_of(k, self._fair, starts)
+        return State(self.given.sources, {**self._fair.holds, **found}, [])
 
     def _hold(self, sources, known=None, changed=None):
         return {k: known[k] if known and not (r.variables & changed) else r.hold(self.readings, sources)
@@ -181,7 +200,7 @@ class Search:
 
     def _decisive(self, state, rivals):
         """The state, or the log as given where the changes do not explain what is wrong."""
-        while state.changes and not (decisive(self._fair, state, self.bad) and self._no_zero(state)):
+        while state.changes and not (decisive(self._fair_beside(state), state, self.bad) and self._no_zero(state)):
             state, rivals = self._replayed(state.changes[:-1]), rivals[:-1]
         return state, rivals
 
