@@ -361,7 +361,7 @@ class Scores:
             inner = inner + coarse @ coarse.T / max(coarse.shape[1], 1)
             value, coefficients = self.fall(candidate)
             surprise = float(self._surprise(value, d, sided, self._dof(candidate)))
-            drawn = self._drawn(candidate, value, sided)
+            drawn = self._drawn(candidate, value, surprise)
             spread = np.sqrt(self.variance * self._inflation(candidate) * np.diag(np.linalg.inv(inner)))
             self.results.append(Score(candidate, value, surprise, coefficients, True, spread, drawn))
             if not candidate.extra.get("scanned"):
@@ -487,7 +487,7 @@ class Scores:
         log = np.log(special.fdtrc(d, dof, np.asarray(value) / d) + 1e-320)
         return -(log + (np.log(0.5) if sided else 0.0)) * (np.asarray(value) > 0)
 
-    def _drawn(self, candidate, value, sided):
+    def _drawn(self, candidate, value, surprise):
         """Surprise of a statistic T as the draws of chance count it.
 
         Stretches tell the variance of their sum as well, an effect's part in it with the rest: the draws of a scan show
@@ -495,11 +495,10 @@ class Scores:
         thousands was below 0.05 in one sound log of seven. Where the noise is known with few degrees of freedom, T has
         been lessened for that as much.
         """
-        d = len(candidate.parts)
-        found = float(self._surprise(value, d, sided, self._dof(candidate)))
-        if not candidate.extra.get("scanned"):
-            return found
-        return min(found, float(-self._log_chi2(value / (1.0 + value / Score(candidate).limit), d, sided)))
+        limit = Score(candidate).limit
+        if not np.isfinite(limit):
+            return surprise
+        return min(surprise, float(-self._log_chi2(value / (1.0 + value / limit), len(candidate.parts), False)))
 
     @staticmethod
     def _log_chi2(value, d, sided):
@@ -684,7 +683,8 @@ class Scores:
                 value = float(moved @ np.linalg.lstsq(inner, moved, rcond=1e-9)[0])
                 value /= self.variance * self._inflation(candidate)
             sided = len(groups) == 1 and (candidate.lower[0] == 0 or candidate.upper[0] == 0)
-            told = self.family(self._drawn(candidate, value, sided), score.scanned)
+            surprise = float(self._surprise(value, len(groups), sided, self._dof(candidate)))
+            told = self.family(self._drawn(candidate, value, surprise), score.scanned)
             found[candidate.key] = min(told, found.get(candidate.key, 1.0))
         return found
 

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from urllib.error import URLError
 from urllib.request import urlopen
@@ -42,7 +43,8 @@ def pytest_runtest_makereport(item, call):
     report = yield
     shown = getattr(item, "funcargs", {}).get("page")
     if call.when == "call" and report.failed and shown is not None and not shown.is_closed():
-        report.sections.append(("What the page said", shown.locator("body").inner_text()))
+        with suppress(Exception):  # a page that does not answer must not hide what failed
+            report.sections.append(("What the page said", shown.locator("body").inner_text()))
     return report
 
 

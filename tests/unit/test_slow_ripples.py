@@ -1,48 +1,13 @@
 """Claims about a ripple that is as slow as noise: it is told, and slow noise is no ripple."""
 
-import numpy as np
-import pandas as pd
 import pytest
-from scipy.signal import lfilter
-
-from pycosim.compile import Library
-from pycosim.data.dataset import Dataset
-from pycosim.diagnosis.scores import Scores
-from pycosim.diagnosis.table import Table
-from pycosim.fit import least_squares
-from pycosim.study.parse import load_study
-
-LIBRARY = Library()
-STUDY = """
-[rig]
-model = "DriveTrain.Rigs.LinearAxis"
-[parameters]
-"carriage.J" = { value = 1.0, fixed = false }
-"guide.f0" = { value = 0.05, fixed = false }
-"viscous_guide.b" = { value = 0.4, fixed = false }
-[data]
-runs = ["log.csv"]
-[columns]
-x = { variable = "motor.phi", unit = "m" }
-F = { variable = "force", unit = "N" }
-"""
+from axis import scores_of, slow_noise, wandering
 
 
 def scored(path, seed, ripple):
-    """Noise of the residual, and the ripple with the least chance, of an axis that wanders over 0.2 m."""
-    rng, time = np.random.default_rng(seed), np.arange(0, 60, 0.01)
-    rate = [(f, rng.uniform(0, 2 * np.pi), 0.02 / (6 * f)) for f in (0.05, 0.09, 0.13, 0.21)]
-    x, v, a = (sum(size * (2 * np.pi * f) ** k * np.sin(2 * np.pi * f * time + p + k * np.pi / 2)
-                   for f, p, size in rate) for k in range(3))
-    force = a + 0.05 * np.sign(v) + 0.4 * v + 0.005 * rng.standard_normal(len(time))
+    """Noise of the residual, and the ripple with the least chance."""
     slow = 0.005 if ripple else 0.025
-    drive, kept = rng.standard_normal(len(time)), np.exp(-0.01 / 0.7)
-    force += slow * np.sqrt(1 - kept**2) * lfilter([1.0], [1.0, -kept], drive)
-    force += ripple * np.sin(125.0 * x + 0.5)
-    pd.DataFrame({"time": time, "x": x, "F": force}).to_csv(path / "log.csv", index=False)
-    (path / "study.toml").write_text(STUDY)
-    data = Dataset(load_study(path / "study.toml"), LIBRARY)
-    scores = Scores(Table(data, data.base, least_squares.fit(data, data.base)))
+    scores = scores_of(wandering(path, seed, lambda rng, n: slow_noise(rng, n, 0.005, slow), ripple))
     best = max((s for s in scores.results if s.scanned), key=lambda s: s.surprise)
     return scores.noise[0], best.candidate.grid["n"], scores.family(best.drawn, True)
 

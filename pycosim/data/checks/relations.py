@@ -153,6 +153,8 @@ class RateRelation:
     At an even speed a late one errs by nothing: of a log that mostly cruises, samples that accelerate were outliers.
     """
 
+    free = ()  # parameters to fit
+
     def __init__(self, speed, angle):
         self.speed, self.angle, self.channels = speed, angle, [speed]
         self.variables = {speed, angle}

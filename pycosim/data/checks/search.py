@@ -121,8 +121,7 @@ class Search:
 
     def _from_elsewhere(self, k):
         relation = self.relations[k]
-        return self._best_of(k, self.given, [start * relation.given[relation.at] for start in _STARTS] if getattr(
-            relation, "free", None) else [])
+        return self._best_of(k, self.given, [start * relation.given[relation.at] for start in _STARTS if relation.free])
 
     def _best_of(self, k, state, starts):
         """How well a relation holds in a state, from several starts as well."""
@@ -138,7 +137,7 @@ class Search:
         for k in self._off(self.given):
             relation, there = self.relations[k], state.holds[k]
             starts = []
-            if getattr(relation, "free", None):
+            if relation.free:
                 size = [np.linalg.norm(relation.measured(self.readings, s)) for s in (
                     self.given.sources, state.sources)]
                 sized = np.array([relation.units[n] != "1" for n in relation.free])
