@@ -139,8 +139,8 @@ def rounding(dataset, model, fit, part="fit"):
 
     def draw(rng):
         total = 0.0
-        for values, quantum, dither, left in rows:
-            error = left(rounded(values, quantum, dither, rng))
+        for signals, left in rows:
+            error = left(*(rounded(*signal, rng) for signal in signals))
             total = total + sum(weight * take(error) for weight, _, take in picks)
         return total
     return draw
@@ -160,7 +160,7 @@ def _of_outputs(dataset, model, fit):
     coarse = [] if dataset.paired else list(_coarse(dataset, dataset.outputs))
     predicted = dataset.predicted(model, fit.parameters) if coarse else {}
     for name, *found in coarse:
-        yield predicted[name], *found, partial(np.multiply, np.equal(dataset.outputs, name)[:, None] * 1.0)
+        yield [(predicted[name], *found)], partial(np.multiply, np.equal(dataset.outputs, name)[:, None] * 1.0)
 
 
 def _of_inputs(dataset, model, fit):
@@ -168,7 +168,7 @@ def _of_inputs(dataset, model, fit):
     given = [n for n in dataset.signals if n in dataset.measured and f"der({n})" not in dataset.signals]
     coarse = {n: found for n, *found in _coarse(dataset, given)}
     for name, response in responses(dataset, model, fit.parameters, list(coarse)).items():
-        yield dataset.exogenous()[name], *coarse[name], partial(np.multiply, -response)
+        yield [(dataset.exogenous()[name], *coarse[name])], partial(np.multiply, -response)
 
 
 def _of_motion(dataset, model, fit):
@@ -180,13 +180,14 @@ def _of_motion(dataset, model, fit):
         if not slopes:
             continue
         derived, true = dataset.motion.passed_on(angle), dataset.motion.calm(angle, CALM)
-        for name, found in coarse.items():
-            yield true[names[name != angle]], *found, partial(_left_by_motion, slopes, derived, angle, name == angle)
+        yield [(true[names[n != angle]], *found) for n, found in coarse.items()], partial(
+            _left_by_motion, slopes, derived, angle, list(coarse))
 
 
-def _left_by_motion(responses, derived, angle, is_angle, error):
-    """What an error of an angle, or of the speed beside it, leaves in the channels."""
-    none = np.zeros_like(error)
-    errors = derived(error, none) if is_angle else derived(none, error)
-    errors[angle] = error if is_angle else none
-    return -sum(response * errors[name] for name, response in responses.items())
+def _left_by_motion(responses, derived, angle, names, *errors):
+    """What errors of an angle, or of the speed beside it, or of both leave in the channels."""
+    given = dict(zip(names, errors))
+    none = np.zeros_like(errors[0])
+    found = derived(given.get(angle, none), given.get(speed_beside(angle), none))
+    found[angle] = given.get(angle, none)
+    return -sum(response * found[name] for name, response in responses.items())

@@ -257,20 +257,26 @@ def _filter(noise, chain):
     return _gains(chain.kept(noise.memory), noise.slow ** 2 * chain.variance(noise.memory), noise.white ** 2)
 
 
-def _recursion(factor, drive):
-    """Solve ``x[k] = factor[k] x[k - 1] + drive[k]`` along the last axis, from ``x[0] = drive[0]``."""
+def _recursion(factor, drive, spent=False):
+    """Solve ``x[k] = factor[k] x[k - 1] + drive[k]`` along the last axis, from ``x[0] = drive[0]``.
+
+    In the place of the drive, where that is spent.
+    """
     if not drive.size:  # LAPACK's wrapper spoils memory with nothing to solve
         return drive
     bands = np.ones((2, len(factor)), order="F")
     bands[1, :-1] = -factor[1:]
-    return dtbtrs(bands, drive.T, uplo="L", diag="U")[0].T
+    return dtbtrs(bands, drive.T, uplo="L", diag="U", overwrite_b=spent)[0].T
 
 
 def _innovations(rows, own, from_before, spread):
     """What each sample says that those before it did not, over its spread."""
-    drive = np.zeros_like(rows)
-    drive[:, 1:] = from_before[1:] * rows[:, :-1]
-    return (rows - _recursion(own, drive)) / spread
+    drive = np.zeros(rows.shape)
+    np.multiply(from_before[1:], rows[:, :-1], out=drive[:, 1:])
+    before = _recursion(own, drive, spent=True)
+    np.subtract(rows, before, out=before)
+    before /= spread
+    return before
 
 
 def _gains(kept, slow, white):
@@ -278,24 +284,25 @@ def _gains(kept, slow, white):
 
     Returns what the prediction of a sample takes from the prediction before it, what from the sample before it, and the
     spread of the innovations. The variance after a sample is a fractional-linear function of that after the sample
-    before; such functions compose as matrices, here by doubling, until the first sample is forgotten. No entry is
-    negative, so that nothing cancels.
+    before; such functions compose as matrices, here by doubling, until the first sample is forgotten. Of a matrix only
+    its direction counts, so that the last entry is one. No entry is negative, so that nothing cancels.
     """
     decay = kept ** 2
     fresh = np.maximum(slow - decay * np.r_[0.0, slow[:-1]], 0.0)
-    top, bottom = [white * decay, white * fresh], [decay, fresh + white]
-    shift = 1
+    size = fresh + white
+    (a, b, c), shift, least = (white * decay / size, white * fresh / size, decay / size), 1, 1e-12 * min(
+        slow.max() / white, 1.0)
     while shift < len(kept):
-        now = [v[shift:] for v in (*top, *bottom)]
-        before = [v[:-shift] for v in (*top, *bottom)]
-        joined = [now[i] * before[k] + now[i + 1] * before[k + 2] for i in (0, 2) for k in (0, 1)]
-        size = joined[3]  # of a matrix only its direction counts
-        joined = [np.concatenate([v[:shift], j / size]) for v, j in zip((*top, *bottom), joined)]
-        top, bottom, shift = joined[:2], joined[2:], 2 * shift
-        forgotten = np.max(np.abs(top[0] * bottom[1] - top[1] * bottom[0]) / bottom[1] ** 2)
-        if forgotten < 1e-12 * min(slow.max() / white, 1.0):
+        before = [v[:-shift] for v in (a, b, c)]
+        now = [v[shift:] for v in (a, b, c)]
+        size = 1.0 / (now[2] * before[1] + 1.0)
+        joined = ((now[0] * before[0] + now[1] * before[2]) * size, (now[0] * before[1] + now[1]) * size,
+                  (now[2] * before[0] + before[2]) * size)
+        a, b, c = (np.concatenate([v[:shift], j]) for v, j in zip((a, b, c), joined))
+        shift *= 2
+        if np.max(np.abs(a - b * c)) < least:
             break
-    after = np.r_[0.0, (top[1] / bottom[1])[:-1]]
+    after = np.r_[0.0, b[:-1]]
     ahead = fresh + decay * after
     gain = ahead / (ahead + white)
     last = np.r_[0.0, gain[:-1]]
@@ -491,7 +498,7 @@ class _Means:
         pieces = [piece for k, piece in enumerate(pieces) if k * _GOLDEN % 1 < share]
         begins = np.concatenate([a + size * np.arange(n) for a, n in pieces])
         index = begins[:, None] + np.arange(size)
-        values = residual[index]
+        values, absorbed = residual[index], absorbed[absorbed.any(1)]
         rows = np.concatenate([absorbed[:, index].mean(2), values.mean(1)[None]]) * math.sqrt(size)
         clock = np.cumsum(np.where(np.isfinite(gaps), gaps, 1e9))
         apart = np.diff(clock[begins])

@@ -133,21 +133,26 @@ def responses(dataset, model, parameters, names, rows=None, shift=None):
     dict of str to ndarray, shape (channels, n)
     """
     question, size = dataset.ask(model), len(dataset.time if rows is None else rows)
-    slopes = question.memo(("scatter.slopes", *names), lambda: _slopes(question.select(dataset.outputs), names))
+    rows_of, slopes = question.memo(("scatter.slopes", *names),
+                                    lambda: _slopes(question.select(dataset.outputs), names))
     signals, (states, _) = dataset.undelayed(question, parameters, dataset.exogenous()), dataset.states(
         model, parameters)
     moved = [signals.get(n, 0.0) + (shift or {}).get(n, 0.0) for n in question.inputs]
     given = [v if rows is None or np.ndim(v) == 0 else v[rows] for v in [*moved, *states]]
     arguments = given + [float(parameters[n]) for n in question.parameters]
-    return {n: slope(arguments, size) for n, slope in slopes.items()}
+    every = slopes(arguments, size)
+    return {n: every[own] for n, own in rows_of.items()}
 
 
 def _slopes(question, names):
-    """Derivatives of all outputs by those of some inputs that they depend on, over arrays."""
+    """Derivatives of all outputs by those of some inputs that they depend on, over arrays; and the rows of each."""
     u, x, p = question.symbols()
     y = question.output(u, x, p)
     found = {n: ca.jacobian(y, u[question.inputs.index(n)]) for n in names if n in question.inputs}
-    return {n: ArrayFunction(ca.Function("slope", [u, x, p], [ca.densify(s)])) for n, s in found.items() if s.nnz()}
+    found, count = {n: ca.densify(s) for n, s in found.items() if s.nnz()}, y.numel()
+    rows = {n: slice(k * count, (k + 1) * count) for k, n in enumerate(found)}
+    every = ca.cse(ca.vertcat(*found.values(), ca.SX(0, 1)))
+    return rows, ArrayFunction(ca.Function("slopes", [u, x, p], [every]))
 
 
 def scatter(dataset, name):

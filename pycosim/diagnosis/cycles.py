@@ -8,7 +8,7 @@ of cycles gets by chance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import finufft
 import numpy as np
@@ -230,7 +230,6 @@ class _Fourier:
     angle: np.ndarray
     strength: np.ndarray
     edges: np.ndarray
-    plans: dict = field(default_factory=dict)
 
     @classmethod
     def of(cls, table, angles, every, stretch):
@@ -251,17 +250,13 @@ class _Fourier:
         """Sums, shape (stretches, strengths, cycles)."""
         count = len(cycles)
         strength = self.strength * np.exp(1j * cycles[count // 2] * self.angle)  # modes count from the middle
-        pieces = list(zip(self.edges[:-1], self.edges[1:]))
-        if count not in self.plans:  # of an even step: what hangs on the angle alone is worked out once
-            step = cycles[1] - cycles[0] if count > 1 else 0.0
-            self.plans = {count: [self._plan(step * self.angle[a:b], count) for a, b in pieces]}
-        return np.array([plan.execute(np.ascontiguousarray(strength[:, a:b])).reshape(len(strength), count)
-                         for plan, (a, b) in zip(self.plans[count], pieces)])
-
-    def _plan(self, turned, count):
-        plan = finufft.Plan(1, (count,), len(self.strength), _ACCURACY, 1, nthreads=1)
-        plan.setpts(turned)
-        return plan
+        turned = self.angle * (cycles[1] - cycles[0] if count > 1 else 0.0)
+        plan = finufft.Plan(1, (count,), len(strength), _ACCURACY, 1, nthreads=1)
+        found = np.empty((len(self.edges) - 1, len(strength), count), dtype=complex)
+        for sums, a, b in zip(found, self.edges[:-1], self.edges[1:]):
+            plan.setpts(turned[a:b])
+            sums[:] = plan.execute(np.ascontiguousarray(strength[:, a:b])).reshape(sums.shape)
+        return found
 
 
 def _peaks(cycles, surprise):

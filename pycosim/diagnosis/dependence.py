@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.sparse import csc_array
 
 from ..compile import compile_model
 from ..data.instruments import CALM, rounding
@@ -316,14 +317,14 @@ class _Given:
         mine = np.max([(r ** 2).sum(1) for r in self.roundings], axis=0) if len(self.roundings) else 0.0 * energy
         return mine < 0.5 * energy if (mine < 0.5 * energy).any() else np.ones(len(energy), dtype=bool)
 
-    def drives(self, weights, residual):
-        """Products of each wave with a residual, and with itself."""
-        return [self.drive(weights, residual, k) for k in range(len(self.waves))]
-
-    def drive(self, weights, residual, k):
-        """The same of one wave."""
-        wave = self.waves[k]
-        return (weights * wave * residual).sum(0), (weights * wave ** 2).sum(0)
+    def drives(self, weights, residual, some=None):
+        """Products of each wave, or of some, with a residual and with itself: an ndarray of shape (waves, 2, n)."""
+        waves = self.waves if some is None else [self.waves[k] for k in some]
+        found = np.empty((residual.shape[1], len(waves), 2))  # sample by sample, as they are added up
+        for k, wave in enumerate(waves):
+            weighted = weights * wave
+            found[:, k, 0], found[:, k, 1] = (weighted * residual).sum(0), (weighted * wave).sum(0)
+        return found.transpose(1, 2, 0)
 
     def telling(self, name):
         """Waves whose size over a variable is a law: of time a friction's alone, for slow noise is one too.
@@ -355,9 +356,21 @@ class _Given:
         return (1 + np.count_nonzero(most >= share)) / (1 + FLIPS)
 
     def removed(self, drives, bins, energy):
-        """Share of the energy, and its standard errors, that each wave times a function of bins removes."""
-        count = self.label.max() + 1
-        return [explained(xy, xx, energy, bins, self.fold, self.label, count) for xy, xx in drives]
+        """Share of the energy that each wave times a function of bins removes out of fold, and its standard errors.
+
+        A bin's factor beta on a wave takes ``beta (2 xy - beta xx)`` of the energy.
+        """
+        count, k, n = self.label.max() + 1, bins.max() + 1, len(bins)
+        of_block = np.zeros(count, dtype=int)
+        of_block[self.label] = self.fold
+        cells = csc_array((np.ones(n), self.label * k + bins, np.arange(n + 1)), shape=(count * k, n))
+        own = (cells @ drives.transpose(2, 0, 1).reshape(n, -1)).reshape(count, k, len(drives), 2)
+        xy, xx = own.transpose(3, 2, 0, 1)
+        folds = (np.arange(of_block.max() + 1)[:, None] == of_block) * 1.0
+        beta = _taken(folds @ xy, folds @ xx)[1][:, of_block]
+        blocks = (beta * (2 * xy - beta * xx)).sum(2)
+        spread = np.sqrt(count * blocks.var(1, ddof=1)) if count > 1 else np.full(len(blocks), np.inf)
+        return [*zip(blocks.sum(1) / energy, blocks.sum(1) / (spread + 1e-300))]
 
 
 def stretches(dataset, problem):
@@ -389,15 +402,14 @@ def _dependence(given, chosen, whole=False):
     if energy <= 0.0:
         return Dependence([], False)
     drives = given.drives(weights, given.residual)
-    rounded = [lambda k, r=r: given.drive(weights, r, k) for r in given.roundings]
     beyond = 1.0 - BROAD * max(((weights * r ** 2).sum() / energy for r in given.roundings), default=0.0)
     found, sure, most, mild = [], False, (0.0, None), 0.0
     for name, bins in ((n, b) for n, every in given.bins.items() for b in every):
         tried = given.removed(drives, bins, energy)
         k = max(given.telling(name), key=lambda i: tried[i][0])
         share, errors = tried[k]
-        if share > RELEVANT and rounded:  # a sawtooth is a function of its angle, and nothing that is missing
-            share -= max(given.removed([again(k)], bins, energy)[0][0] for again in rounded)
+        if share > RELEVANT and len(given.roundings):  # a sawtooth is a function of its angle
+            share -= max(given.removed(given.drives(weights, r, [k]), bins, energy)[0][0] for r in given.roundings)
             share = min(share, beyond)
         found.append({"variable": name, "strength": max(0.0, float(share))})
         sure |= errors > ALARM and share > RELEVANT
@@ -495,38 +507,10 @@ def _bins(values):
     return np.searchsorted(np.unique(np.r_[equal, wide]), values)
 
 
-def explained(xy, xx, energy, bins, fold, block, count):
-    """Share of energy removed out of fold, and how many standard errors over the blocks that is.
-
-    A bin's factor beta on the drive takes ``beta (2 xy - beta xx)`` of the energy.
-
-    Parameters
-    ----------
-    xy, xx : ndarray, shape (n,)
-        Products of a drive with the residual and with itself, sample by sample.
-    energy : float
-        Of the residual.
-    bins, fold, block : ndarray of int, shape (n,)
-        Bin of the variable, fold, and block of each sample.
-    count : int
-        Number of blocks.
-
-    Returns
-    -------
-    share, errors : float
-    """
-    k, f = bins.max() + 1, fold.max() + 1
-    cell = fold * k + bins
-    beta = _taken(*(np.bincount(cell, v, f * k).reshape(f, k) for v in (xy, xx)))[1].ravel()[cell]
-    per_block = np.bincount(block, beta * (2 * xy - beta * xx), count)
-    spread = np.sqrt(count * per_block.var(ddof=1)) if count > 1 else np.inf
-    return per_block.sum() / energy, per_block.sum() / (spread + 1e-300)
-
-
 def _taken(sum_xy, sum_xx):
     """What bins take of the energy out of fold, and the factors that the other folds give them: (.., folds, bins)."""
     others_xy, others_xx = (v.sum(-2, keepdims=True) - v for v in (sum_xy, sum_xx))
-    beta = others_xy / (others_xx + 1e-3 * sum_xx.sum() / sum_xx.shape[-1] + 1e-300)
+    beta = others_xy / (others_xx + 1e-3 * sum_xx.sum((-2, -1), keepdims=True) / sum_xx.shape[-1] + 1e-300)
     return beta * (2 * sum_xy - beta * sum_xx), beta
 
 

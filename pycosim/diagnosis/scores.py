@@ -152,14 +152,14 @@ class Scores:
         """
         if not self.table.scans or all(n.slow <= n.white for n in self.noise):
             return
-        candidates, columns = self.candidates, self.columns
+        candidates, columns, thin = self.candidates, self.columns, self.thin
         fast = [Noise(np.hypot(n.white, n.slow)) for n in self.noise]
         found = ripples(self.table, fast, 1, np.random.default_rng(0), len(columns))
         self.candidates, self.columns = found.candidates, [*columns, *found.columns]
         beta, parts = self._alone(self._of_all(self._thin_moments()))
         if parts and self._beyond_chance(parts, found.tried):
             self._noise_of(beta)
-        self.candidates, self.columns, self.thin = candidates, columns, []
+        self.candidates, self.columns, self.thin = candidates, columns, thin
 
     def _noise_of(self, beta):
         """Noise of what a combination of rows leaves."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.optimize import lsq_linear
 
 NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
@@ -18,13 +18,11 @@ def _pressed(a, b, low, high):
         free = held == 0
         x = np.where(held < 0, low, np.where(held > 0, high, 0.0))
         if free.any():
-            try:
-                factor = cho_factor(a[np.ix_(free, free)])
-            except LinAlgError:
+            rows = a[free]
+            factor, failed = dpotrf(rows[:, free])
+            if failed or factor.diagonal().min() < math.sqrt(NULL):
                 return None
-            if np.diag(factor[0]).min() < math.sqrt(NULL):
-                return None
-            x[free] = cho_solve(factor, b[free] - a[np.ix_(free, ~free)] @ x[~free])
+            x[free] = dpotrs(factor, b[free] - rows[:, ~free] @ x[~free])[0]
         out = np.where(x < low, -1, np.where(x > high, 1, 0)) * free
         if out.any():
             held = held + out

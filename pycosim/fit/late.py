@@ -96,7 +96,7 @@ def found(dataset, model, fit, names, part, known, again):
         return fit
     for name in names:
         profile = Profile(dataset, model, fit, name, part, step)
-        tried = [known[name]] if name in known else step * np.arange(-REACH, REACH + 1)
+        tried = [known[name]] if name in known else step * np.arange(-REACH, REACH + 1, 2)
         nearest = min((profile.at, *(d for d in tried if profile.low < d < profile.high)), key=profile.left)
         for _ in range(ROUNDS):
             if _far(profile, nearest):
