@@ -50,11 +50,13 @@ best delay of noise among them, in slow motion, and orders of 13 and 15 %; weigh
 _SURE = 8.0
 """Least gain of the logarithm of the likelihood."""
 _APART = 0.05  # s that a drifting clock is off at the end at least
+_ROUGH = 0.2  # of that, from which few samples, with the parameters of no drift, begin
 _ANEW, _STUCK = 3, 0.1  # searches at most, and fall of a relation's cost from which one more is begun
 _FEW = 600  # samples of a first trial
 _ASKED = 1 / 3  # certainty from which a shift is worth a question
 _SEEN = 0.015
 """Relative error from which a relation may tell of times: a load's model is no better."""
+_LITTLE = 1e-3  # of a torque, that an inertia is tried with
 _TINY = 1e-4  # relative error below which less is no better
 
 
@@ -263,7 +265,7 @@ class Timing:
             drift = rough._search(lambda grid: rough.costs(names, [(0.0, e) for e in grid]), -_FASTEST, _FASTEST,
                                   steps)
             gain = base - rough.costs(names, [(0.0, drift)])[0]
-            if gain > 0.1 and abs(drift) * self.length > _APART:
+            if gain > 0.1 and abs(drift) * self.length > _ROUGH * _APART:
                 drifted.append((gain, names, 0.0, drift))
         return self._refined(shifted), self._refined(drifted)
 
@@ -373,7 +375,7 @@ class Timing:
         lags = _LAGS[left.argmin(1)]
         if np.ptp(times) == 0.0 or np.ptp(lags) == 0.0:
             return False
-        if _scatter(lags) <= _scatter(_LAGS[self._lags(names, 0.0, drift, drifted)[1].argmin(1)]):
+        if _scatter(left) <= _scatter(self._lags(names, 0.0, drift, drifted)[1]):
             return False
         order = kendalltau(times, lags, alternative="greater" if drift > 0 else "less")
         told = [(theilslopes(lags, times).slope, order.pvalue), _order(times, left, drift)]
@@ -394,19 +396,35 @@ class Timing:
     def _ageing(self, drifted):
         """By how much less a drifting clock leaves than a machine that warms up: logarithm of the errors' ratio.
 
-        In that machine each coefficient, and the zero of each channel, changes by a parabola over the time.
+        In that machine each coefficient, the zero of each channel, and the inertia behind each torque, changes by a
+        parabola over the time. An inertia that the model lacks is late where a torque turns: one of 1.7 times the noise
+        was a clock 0.1 % slow.
         """
         least = math.inf
         for k in (k for k in drifted if isinstance(self.relations[k], ModelRelation)):
             relation, old = self.relations[k], self.holds[k]
             slopes = relation.evaluate(relation.arguments(self.readings, self.sources), old.x,
                                        self.readings.time.size)[3]
+            slopes = np.concatenate([slopes, *self._of_inertia(relation, old.x)], axis=1)
             residual = _without(old, slopes, self.readings.time)
             first, second = (p[old.used[self.readings.partners[0]] & old.used[self.readings.partners[1]]]
                              for p in self.readings.partners)
             aged = [shared(r, first, second) / old.spread[c] for c, r in zip(relation.channels, residual)]
             least = min(least, _logarithms(aged) - _logarithms(drifted[k].smooth.values()))
         return least
+
+    def _of_inertia(self, relation, x):
+        """What an inertia behind each torque of a relation changes in its channels: (channels, 1, samples) each."""
+        given, n = relation.arguments(self.readings, self.sources), self.readings.time.size
+        for torque in (t for t in self.group["torques"] if t in relation.inputs):
+            angle = f"{torque.rpartition('.')[0]}.phi"
+            if angle not in self.sources:
+                continue
+            k, turned = relation.inputs.index(torque), self.readings.take(self.sources[angle], 2)
+            little = _LITTLE * np.std(given[k]) / max(np.std(turned), 1e-300) * turned
+            more, less = (relation.evaluate([*given[:k], given[k] + d, *given[k + 1:]], x, n, False)[0]
+                          for d in (little, -little))
+            yield (more - less)[:, None]
 
     def _share(self, holds):
         """Part of the errors' energy, noise apart, that a shift takes away: an effect that looks late leaves more."""
@@ -484,9 +502,15 @@ def _order(times, left, drift):
     return slope, (1 + np.count_nonzero(others <= here)) / (1 + _ORDERS)
 
 
-def _scatter(values):
-    """Mean distance from the median."""
-    return float(np.mean(np.abs(values - np.median(values))))
+def _scatter(left):
+    """Mean distance of the best delays of stretches from their median, each as sure as others leave more there.
+
+    In a clock of 0.3 % one stretch of eight, a slow one, had a delay of 0.175 s beside the drift, of noise.
+    """
+    lags, sure = _LAGS[left.argmin(1)], left.mean(1) - left.min(1)
+    order = np.argsort(lags)
+    middle = lags[order[np.searchsorted(np.cumsum(sure[order]), 0.5 * sure.sum())]]
+    return float(sure @ np.abs(lags - middle) / max(sure.sum(), 1e-300))
 
 
 def _independent(agreement):
