@@ -38,6 +38,7 @@ _STRETCHES, _DELAYS, _OUT = 8, 33, 16.0
 """Parts of the time of the logs that each say how late columns come, out of so many delays; and squared residuals, over
 the square of their median, from which a sample counts no more."""
 _LAGS = np.linspace(-_LATEST, _LATEST, _DELAYS)
+_POLISHED = 9  # drifts that are tried last, over those that stretches may say instead
 _ROUNDS = 4
 """Of the drift and the lags that are left."""
 _WIDE, _SLOPES, _ORDERS = 4.0, 41, 999
@@ -222,6 +223,13 @@ class Timing:
         return min((self.relations[k].hold(self.readings, sources, x) for x in (self.holds[k].x, *self.valleys[k])),
                    key=_cost)
 
+    def _sharpened(self, drifted):
+        """A drift beside which the model, fitted anew, leaves least; near one that stretches of the logs say."""
+        names, _, drift, _ = drifted
+        best = self._search(lambda grid: [self.fitted(names, 0.0, e)[0] for e in grid], drift / _ABOUT, drift * _ABOUT,
+                            _POLISHED)
+        return names, 0.0, best, self.fitted(names, 0.0, best)[1]
+
     def _search(self, costs, low, high, points):
         """Least of a function on a grid, then twice within the neighbours."""
         for zoom in (points, 7, 7):
@@ -302,7 +310,7 @@ class Timing:
         shifted, drifted = self.best()
         drifted = drifted and self._straightened(drifted)
         if drifted is not None and self._drifts(drifted):
-            names, _, drift, holds = drifted
+            names, _, drift, holds = self._sharpened(drifted)
             _, likelihood, before, after = self._worth(holds)
             return [self._clock(names, drift, before, after, likelihood)]
         return self._late() or self._apart(shifted)
@@ -375,7 +383,8 @@ class Timing:
         lags = _LAGS[left.argmin(1)]
         if np.ptp(times) == 0.0 or np.ptp(lags) == 0.0:
             return False
-        if _scatter(left) <= _scatter(self._lags(names, 0.0, drift, drifted)[1]):
+        beside = self._lags(names, 0.0, drift, drifted)[1]
+        if all(_scatter(left, alike) <= _scatter(beside, alike) for alike in (True, False)):
             return False
         order = kendalltau(times, lags, alternative="greater" if drift > 0 else "less")
         told = [(theilslopes(lags, times).slope, order.pvalue), _order(times, left, drift)]
@@ -502,12 +511,12 @@ def _order(times, left, drift):
     return slope, (1 + np.count_nonzero(others <= here)) / (1 + _ORDERS)
 
 
-def _scatter(left):
-    """Mean distance of the best delays of stretches from their median, each as sure as others leave more there.
+def _scatter(left, alike):
+    """Mean distance of the best delays of stretches from their median: all alike, or each as it is sure.
 
     In a clock of 0.3 % one stretch of eight, a slow one, had a delay of 0.175 s beside the drift, of noise.
     """
-    lags, sure = _LAGS[left.argmin(1)], left.mean(1) - left.min(1)
+    lags, sure = _LAGS[left.argmin(1)], np.ones(len(left)) if alike else left.mean(1) - left.min(1)
     order = np.argsort(lags)
     middle = lags[order[np.searchsorted(np.cumsum(sure[order]), 0.5 * sure.sum())]]
     return float(sure @ np.abs(lags - middle) / max(sure.sum(), 1e-300))
