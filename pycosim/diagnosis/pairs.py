@@ -185,7 +185,7 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     takes = less.left() - scores.left()
     least = {len(own): takes - 2.0 * SEPARATE ** 2, len(own) + 1: takes + luck + 2.0}
     some = _with_load(dataset, less, winner, Combinations(less, REFITS, max(least)).pairs(least),
-                      {len(own) + 1: least[len(own)] + 2.0})
+                      {len(own) + 1: least[len(own)] + 2.0}, {len(own) + 2: takes + luck + 4.0})
     alone = select(here, without, lacking, noise)
     found = _refitted(here, without, winner.fit, lacking, some, noise, alone, progress)
     found = [p for p in found if _as_well(p.selection, winner.selection) and not _has_own(here, p)]
@@ -379,14 +379,18 @@ def instead(near, finding, others):
     return finding.twins + [{"effect": e, "place": p} for e, p in dict.fromkeys(f.key for f in by_kind(new))]
 
 
-def _with_load(dataset, scores, winner, some, least):
+def _with_load(dataset, scores, winner, some, least, more):
     """Pairs, and those that may do as well as a winner and its alternatives for an error of the load's model.
 
-    None more where such an error by itself is among those: then it is told.
+    None that does as well where such an error by itself is among those: then it is told. With a coefficient more, for
+    no model of the load is quite right, those that take more.
     """
     errors = {e.id for e in ranked(dataset.library) if e.of_load_model and dataset.study.reference == "gravity_model"}
     named = [winner.key, *((t["effect"], t["place"]) for t in winner.twins)]
     found = {frozenset(p.keys): p for p in some}
+    if errors:
+        for pair in Combinations(scores, REFITS, max(more), errors).pairs(more):
+            found.setdefault(frozenset(pair.keys), pair)
     if errors and errors.isdisjoint(e for e, _ in named):
         for pair in Combinations(scores, REFITS, max(least), errors, named).pairs(least):
             found.setdefault(frozenset(pair.keys), pair).doubted = True
