@@ -181,17 +181,23 @@ def test_physics_is_no_mistake(effect, library, tmp_path):
 
 @pytest.mark.parametrize("case", ["rate50:thermal_drift:2.4:180", "noise_load:time_delay:1.7:380",
                                   "noise_speed:time_delay:1.3:1920", "outliers_01:presliding:1.7:1921",
-                                  "outliers_01:presliding:1.7:216000001"])
+                                  "outliers_01:presliding:1.7:216000001",
+                                  "motor_encoders:rotor_inertia:1.7:182000003"])
 @pytest.mark.long
-def test_what_warms_up_or_stays_late_is_no_drifting_clock(case, library, tmp_path):
+def test_what_warms_up_stays_late_or_is_an_inertia_is_no_drifting_clock(case, library, tmp_path):
     asked = load_study(make(case, tmp_path, quick=True))
     assert not checked(library, asked).blocking
 
 
-@pytest.mark.parametrize("seed", [7, 22, 24, pytest.param(1600, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [7, 22, 24, 930014, 930019, 930101, 930107,
+                                  pytest.param(1600, marks=pytest.mark.slow)])
 @pytest.mark.long
 def test_a_clock_that_drifts_for_a_minute_is_told_beside_slow_noise(seed, library, tmp_path):
-    """Slow noise is in the errors, which fall by little."""
+    """Slow noise is in the errors, which fall by little.
+
+    Of the last four, a delay was told in three and nothing in one: a slow stretch says little of how late it is, and the
+    first trial, of few samples, may begin at a third of the drift.
+    """
     found = checked(library, load_study(make(f"mistake:clock:1:{seed}", tmp_path, quick=True)))
     clock, = found.blocking
     assert clock.kind == "clock" and set(clock.columns) == {"tau1", "tau2"}
