@@ -195,8 +195,8 @@ def test_what_warms_up_stays_late_or_is_an_inertia_is_no_drifting_clock(case, li
 def test_a_clock_that_drifts_for_a_minute_is_told_beside_slow_noise(seed, library, tmp_path):
     """Slow noise is in the errors, which fall by little.
 
-    Of the last four, a delay was told in three and nothing in one: a slow stretch says little of how late it is, and the
-    first trial, of few samples, may begin at a third of the drift.
+    Of three, a delay was told in two and nothing in one: a slow stretch says little of how late it is, and the first
+    trial, of few samples, may begin at a third of the drift.
     """
     found = checked(library, load_study(make(f"mistake:clock:1:{seed}", tmp_path, quick=True)))
     clock, = found.blocking
