@@ -56,6 +56,8 @@ class Pair:
         Whether it does better than the one effect that it may be in the place of, by more than luck of so many pairs.
     doubted : bool
         Whether it does as well for a small error of the model of the load, which is one of the two.
+    better : bool
+        Whether it does better for a larger one, by more than the luck of the choice among such errors.
     matched : bool
         Whether that effect does as well with another.
     near : list of Pair
@@ -73,6 +75,7 @@ class Pair:
     findings: list = field(default_factory=list)
     clear: bool = False
     doubted: bool = False
+    better: bool = False
     matched: bool = False
     near: list = field(default_factory=list, repr=False, compare=False)
 
@@ -171,9 +174,9 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     -------
     list of Pair
         With ``clear`` where both effects are more than chance, and do better by more than the luck of so many pairs,
-        ``doubted`` where one is an error of the load's model and the other no alternative of the winner, and
-        ``matched`` where the winner does as well with another. Without those beside which the winner does better with
-        one of their two, or with another.
+        ``doubted`` or ``better`` where one is an error of the load's model and the other no alternative of the winner,
+        and ``matched`` where the winner does as well with another. Without those beside which the winner does better
+        with one of their two, or with another.
     """
     here = dataset.sliding(without).settled(without, lacking.parameters)
     larger = compile_model(dataset.library, without.rig, [*without.keys, winner.key])
@@ -189,8 +192,10 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     alone = select(here, without, lacking, noise)
     found = _refitted(here, without, winner.fit, lacking, some, noise, alone, progress)
     found = [p for p in found if _as_well(p.selection, winner.selection) and not _has_own(here, p)]
-    for pair in found:
-        pair.doubted = pair.doubted and _little_of_load(here, pair)
+    errors = {s.candidate.key for s in scores.results if s.candidate.effect.of_load_model}
+    for pair in [p for p in found if p.doubted]:
+        pair.doubted = _little_of_load(here, pair)
+        pair.better = _outdoes(pair, winner, _luck(2 * len(errors)))
     if clear := [p for p in found if _outdoes(p, winner, luck)]:
         table = Table(here, without, lacking)
         _tell(Scores(table, seed), table, alone, found)

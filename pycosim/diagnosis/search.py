@@ -729,7 +729,7 @@ def _doubled(dataset, steps, found, seed, progress):
     if pair is not None and (path is not None or last.verdict == "nothing_missing"):
         found.contest([p.told for p in some if p.clear][:SHOWN])
         return None, None
-    if equal := [p.told for p in some if p.doubted or p.matched or len(p.fit.free) <= len(winner.fit.free)]:
+    if equal := [p.told for p in some if p.doubted or p.better or p.matched or len(p.fit.free) <= len(winner.fit.free)]:
         found.contest(equal[:SHOWN])
     return None, None
 
