@@ -195,7 +195,7 @@ def doubles(dataset, without, lacking, winner, noise, scores, seed, progress):
     errors = {s.candidate.key for s in scores.results if s.candidate.effect.of_load_model}
     for pair in [p for p in found if p.doubted]:
         pair.doubted = _little_of_load(here, pair)
-        pair.better = _outdoes(pair, winner, _luck(2 * len(errors)))
+        pair.better = _outdoes(pair, winner, _luck(2 * len(errors)))  # as many times more pairs as errors
     if clear := [p for p in found if _outdoes(p, winner, luck)]:
         table = Table(here, without, lacking)
         _tell(Scores(table, seed), table, alone, found)

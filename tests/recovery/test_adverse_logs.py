@@ -43,8 +43,8 @@ def test_an_effect_that_one_part_of_the_log_alone_tells_is_not_behind_one_that_s
 
 
 @pytest.mark.slow
-def test_a_preload_beside_a_wrong_centre_of_mass_does_better_than_the_constant_torque_that_stands_for_both(tmp_path):
-    """It has two coefficients, and the pair two more than the constant torque has."""
+def test_a_preload_beside_a_wrong_centre_of_mass_does_better_than_the_asymmetry_that_stands_for_both(tmp_path):
+    """It has two coefficients, and the pair two more than the asymmetry has."""
     first, last, found, shown = hidden("reference_centre:configuration_preload:1.3:182000005", tmp_path)
     assert (first, last, found) == ("unexplained", "unexplained", []), shown
 
