@@ -182,6 +182,7 @@ def test_physics_is_no_mistake(effect, library, tmp_path):
 @pytest.mark.parametrize("case", ["rate50:thermal_drift:2.4:180", "noise_load:time_delay:1.7:380",
                                   "noise_speed:time_delay:1.3:1920", "outliers_01:presliding:1.7:1921",
                                   "outliers_01:presliding:1.7:216000001",
+                                  "rate50:presliding:2.4:910000012",
                                   "motor_encoders:rotor_inertia:1.7:182000003"])
 @pytest.mark.long
 def test_what_warms_up_stays_late_or_is_an_inertia_is_no_drifting_clock(case, library, tmp_path):
