@@ -15,6 +15,8 @@ class Finding:
         Candidates that these data cannot tell from it, each with ``effect`` and ``place``.
     together : list of list of dict
         Pairs of others that do as well, with as many coefficients, or with a small error of the load's model.
+    outdone : bool
+        Whether those do better, and which of them it is stays open.
     uncounted : set of (str, str)
         Twins that are over between two samples: each may be what it is, and none is a name of its own.
     contested : bool
@@ -34,6 +36,7 @@ class Finding:
     coefficients: dict = field(default_factory=dict)
     twins: list = field(default_factory=list)
     together: list = field(default_factory=list)
+    outdone: bool = False
     uncounted: set = field(default_factory=set)
     start: dict = field(default_factory=dict)
     sizes: dict = field(default_factory=dict)
@@ -138,17 +141,19 @@ class Diagnosis:
         self.candidates = [finding, *(c for c in self.candidates if c is not known)]
         self.verdict, self.unexplained, self.later = "missing_effect", None, None
 
-    def contest(self, pairs):
-        """Take back the winner: pairs of other effects do as well, with as many coefficients.
+    def contest(self, pairs, outdone=False):
+        """Take back the winner, or what would be gone on with: pairs of effects do as well, with as many coefficients.
 
         Parameters
         ----------
         pairs : list of list of dict
             Either with ``effect`` and ``place``, and ``small`` if it is a small error of the load's model.
+        outdone : bool
+            Whether all of them do better.
         """
-        best = self.winner
+        best = self.winner or self.provisional
         best.accepted, best.provisional, best.contested = False, True, True
-        best.together = pairs
+        best.together, best.outdone = pairs, outdone
         self._unexplained()
 
     def refuse(self, out):

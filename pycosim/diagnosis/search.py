@@ -270,9 +270,11 @@ def improve(dataset, model=None, seed=0, progress=None):
         if last.travels:  # the samples that tell of effects are others where those are known
             return Improvement(first, last, steps)
         seen.append({s.added for s in steps})
-        revised = _revised(dataset, steps, last.noise, seed, progress, without)
-        if revised is None and last.verdict == "unexplained" and not (last.between or last.contested):
-            revised = _exchanged(dataset, steps, last.noise, seed, progress)
+        revised, either = _revised(dataset, steps, last.noise, seed, progress, without), None
+        if revised is None and (last.verdict == "unexplained" or len(steps) > 2) and not (
+                last.between or last.contested):
+            revised, either = _exchanged(dataset, steps, last.noise, seed, progress)
+        revised = revised or _moved(dataset, steps, last.noise, progress)
         revised = revised or _spared(dataset, steps, last.noise, seed, progress)
         if revised is None or len(seen) > 2 * MOST or {s.added for s in revised} in seen:  # it would come back again
             break
@@ -280,6 +282,8 @@ def improve(dataset, model=None, seed=0, progress=None):
         seen.append({s.added for s in steps})
         last = without.get(frozenset(s.added for s in steps)) or diagnose(
             dataset, steps[-1].model, steps[-1].fit, seed + 50 + len(seen), progress, False)
+    if either is not None and last.verdict == "nothing_missing":
+        steps, last = _left_open(dataset, steps, *either, seed + 98, progress)
     pruned = _prune(dataset, steps, last.noise)
     if len(pruned) < len(steps):
         steps = pruned
@@ -605,15 +609,17 @@ def _revised(dataset, steps, noise, seed, progress, without=None):
 
 
 def _exchanged(dataset, steps, noise, seed, progress):
-    """The ladder with two effects in the place of two, or of the only one; or None.
+    """The ladder with two effects in the place of two, or of the only one; or None. And which two are left open.
 
     Chosen one after the other, the first of two may stand in for both, and beside it neither is what is lacking. The
     scores of a model that lacks what is exchanged say which two take most of it together. Those are fitted, and unseen
     folds decide as they do for one; of what they cannot tell apart, the one with fewer coefficients is said. Where
     nothing is exchanged, what could be in the place of one of the two together with another of the other is told as its
-    alternative.
+    alternative. Where two do as well that have neither, nor an alternative of either, which two it is stays open: the
+    steps without them are told, and all pairs; else None.
     """
     base, added, fulls, best = steps[0].model, steps[1:], _Selections(dataset, steps[-1], noise), (0.0, None, None)
+    either = None
     for out in itertools.combinations(added, min(2, len(added))) if 0 < len(added) <= TOGETHER else ():
         rest, near = [s for s in added if s not in out], []
         without = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
@@ -627,10 +633,68 @@ def _exchanged(dataset, steps, noise, seed, progress):
         told = [pairs.instead(near, a.finding, [b.finding]) for a, b in itertools.permutations(out, 2)]
         for step, alternatives in zip(out, told):
             step.finding = replace(step.finding, twins=alternatives)
+        known = {s.added for s in out}.union((t["effect"], t["place"]) for some in told for t in some)
+        if others := [p for p in near if known.isdisjoint(p.keys) and len(p.fit.free) <= len(steps[-1].fit.free)]:
+            own = [{"effect": effect, "place": place} for effect, place in (s.added for s in out)]
+            either = either or (rest, [own, *(p.told for p in others)][:SHOWN])
     if best[2] is None:
-        return None
+        return None, either
     path = _joined(dataset, steps[0], *best[1:])
-    return path if _shortfall(dataset, path, noise, 1, seed) <= 1.0 else None
+    return (path, None) if _shortfall(dataset, path, noise, 1, seed) <= 1.0 else (None, either)
+
+
+def _left_open(dataset, steps, rest, some, seed, progress):
+    """The steps without two effects that others at once do as well as, and the diagnosis that says so."""
+    path = _ladder(dataset, steps[0], rest)
+    last = diagnose(dataset, path[-1].model, path[-1].fit, seed, progress, False)
+    if last.winner is None and last.provisional is None:
+        return path, last
+    last.contest(some, True)
+    return path, last
+
+
+def _moved(dataset, steps, noise, progress):
+    """The ladder with all effects of a place at another, where that predicts unseen folds better; or None.
+
+    What acts on a friction goes where that is: the first effect brings the next to its place, and there none of them
+    alone does as well elsewhere. Where unseen folds cannot tell the places apart, each is an alternative of the other.
+    """
+    base, fulls = steps[0].model, _Selections(dataset, steps[-1], noise)
+    for place in dict.fromkeys(s.added[1] for s in steps[1:]):
+        some, rest = ([s for s in steps[1:] if (s.added[1] == place) == inside] for inside in (True, False))
+        without = compile_model(dataset.library, base.rig, [*base.keys, *(s.added for s in rest)])
+        here, full = fulls.beside(without)
+        for keys in _elsewhere(dataset, steps, some) if len(some) > 1 else ():
+            if progress:
+                progress(f"moving {' and '.join(e for e, _ in keys)} from {place} to {keys[0][1]}")
+            lacking = least_squares.fit_without(here, without, steps[-1].fit.parameters, most=TRIAL, noise=noise)
+            larger = compile_model(dataset.library, base.rig, [*without.keys, *keys])
+            start = dict(lacking.parameters)
+            for step, key in zip(some, keys):
+                start |= _sizes(replace(step, fit=steps[-1].fit), key)
+            try:
+                fit = least_squares.fit(here, larger, nudged(start, larger, None), noise=noise)
+            except PycosimError:  # no motion is left, or no answer in closed form
+                continue
+            other, alone = select(here, larger, fit, noise, full), select(here, without, lacking, noise, full)
+            if behind(full, other) and not behind(other, full):
+                found = [replace(s.finding, place=k[1], fit=fit, selection=other, twins=[]) for s, k in zip(some, keys)]
+                return _ladder(dataset, steps[0], [*rest, *(Step(f.key, larger, fit, {}, {}, f) for f in found)])
+            for step, (effect, name) in zip(some, keys) if alike(alone, other, full) else ():
+                twins = [t for t in step.finding.twins if (t["effect"], t["place"]) != (effect, name)]
+                step.finding = replace(step.finding, twins=[*twins, {"effect": effect, "place": name}])
+    return None
+
+
+def _elsewhere(dataset, steps, some):
+    """Effects of one place at each other place that all of them could be at, and none of the ladder's is."""
+    rig, library, ruled_out = steps[0].model.rig, dataset.library, dataset.study.rules_out
+    allowed = [[p.name for p in places(library, rig, find_effect(library, s.added[0]))
+                if not ruled_out(s.added[0], p.name)] for s in some]
+    for name in [n for n in allowed[0] if all(n in a for a in allowed)]:
+        keys = [(s.added[0], name) for s in some]
+        if not {*steps[-1].model.keys} & {*keys}:
+            yield keys
 
 
 def _spared(dataset, steps, noise, seed, progress):

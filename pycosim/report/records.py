@@ -131,7 +131,8 @@ def diagnosis(found, dataset):
         ``varies_with``, what the coefficient of one that stands in for another law differs over, and
         ``outweighed_by``, what explains much of what it leaves; ``contested``, one that is not added because
         more than five others, or two at once, do as well; ``together``, such pairs, which do better or have no more
-        coefficients, or of which one is ``small``: an error of the load's model as such models have;
+        coefficients, or of which one is ``small``: an error of the load's model as such models have; ``outdone``,
+        whether all of them do better;
         ``between``, whether something is missing that is over between two samples; ``channels``, what each says for
         itself; the cards of `cards`, what the log varies, and where an unexplained residual lives.
     """
@@ -192,8 +193,8 @@ def _candidate(c, library, error):
             "p_value_single": c.p_value_single, "predicted_error": c.predicted_error,
             "predicted_fall": cards.fall(error, c.predicted_error), "held_out_error": c.held_out_error or None,
             "coefficients": c.coefficients or _expected(c, library), "conditional": c.fit is not None,
-            "alternatives": c.twins, "twins": c.twins, "together": c.together, "refitted": c.fit is not None,
-            "explained_by": c.explained_by, "refused": c.refused,
+            "alternatives": c.twins, "twins": c.twins, "together": c.together, "outdone": c.outdone,
+            "refitted": c.fit is not None, "explained_by": c.explained_by, "refused": c.refused,
             "varies_with": c.varies_with if c.provisional else None,
             "outweighed_by": c.outweighed_by if c.provisional else None,
             "contested": c.contested}

@@ -607,10 +607,11 @@ def _contested(result, final):
     best = contested_of(result)
     if best is None:
         return []
+    known = "Where you know which, each is added by 'pycosim add STUDY EFFECT@PLACE'." if best.get("outdone") else (
+        f"Where you know which, or any will do, 'pycosim add STUDY {best['effect']}@{best['place']}' adds it.")
     lines = [f"Something {'else ' if final else ''}is missing, and {equals(best)}.",
              f"Error with {'the first of them' if not best.get('together') else _names([best])[0]}, predicted: "
-             f"{change_text(result['error'], best['predicted_error'], result['units'])}. Where you know which, or "
-             f"any will do, 'pycosim add STUDY {best['effect']}@{best['place']}' adds it."]
+             f"{change_text(result['error'], best['predicted_error'], result['units'])}. {known}"]
     if small := dict.fromkeys(p["effect"] for p in _small(best)):
         lines.append("Where masses, their centres and the zeros of the joints are known better than that, say so: "
                      f"[data] rejected = {json.dumps([*small])}.")
@@ -636,6 +637,8 @@ def equals(best):
         if small := dict.fromkeys(_names(_small(best))):
             least = f"less than {100 * DOUBTED:g} %"
             two += f", where {listed(small)} would be an error of {least} in the model of the load"
+        if best.get("outdone"):
+            return f"two effects at once explain it better than one; which two, these data do not tell: {two}"
         one = f"any of {some}" if best["twins"] else some
         return f"two effects at once explain it no worse than one: {two}; the one is {one}"
     kinds = {c["effect"] for c in [best, *best["twins"]]}

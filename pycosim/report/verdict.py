@@ -96,6 +96,8 @@ class Verdict:
         contested = sentences.contested_of(self.first)
         if contested:
             kinds = {c["effect"] for c in [contested, *contested["twins"]]}
+            if contested.get("outdone"):
+                return "Something is missing: two effects at once explain it, and which two stays open"
             if contested.get("together"):
                 return (f"Something is missing: {_named(contested['effect'], contested['place'])}, or two effects at "
                         "once that explain it no worse")

@@ -19,7 +19,7 @@ from pycosim.diagnosis.crossval import select
 from pycosim.diagnosis.decide import scored
 from pycosim.diagnosis.finding import Finding
 from pycosim.diagnosis.scores import LEVEL, Scores
-from pycosim.diagnosis.search import Step, _exchanged, _ladder, _revised, _spared, diagnosed, improve, step_of
+from pycosim.diagnosis.search import Step, _exchanged, _ladder, _moved, _revised, _spared, diagnosed, improve, step_of
 from pycosim.diagnosis.table import Table
 from pycosim.fit import least_squares
 from pycosim.study.parse import load_study
@@ -201,8 +201,8 @@ def test_of_a_pair_the_one_with_a_name_that_all_as_good_pairs_have_is_kept(commo
 @pytest.mark.slow
 def test_two_that_stand_in_for_two_are_exchanged_together(dataset):
     steps = ladder(dataset, [("viscous", "1A+2A"), ("joint_spring", "hip")])
-    exchanged = _exchanged(dataset, steps, steps[-1].fit.noise, 0, None)
-    assert {s.added for s in exchanged[1:]} == set(TRUE)
+    exchanged, either = _exchanged(dataset, steps, steps[-1].fit.noise, 0, None)
+    assert either is None and {s.added for s in exchanged[1:]} == set(TRUE)
     assert all(s.finding.p_value < LEVEL and s.finding.coefficients for s in exchanged[1:])
 
 
@@ -220,7 +220,31 @@ def test_one_effect_found_stage_by_stage_is_at_both_where_one_size_does(sizes, t
 
 def test_two_that_nothing_speaks_against_stay(dataset):
     steps = ladder(dataset, TRUE)
-    assert _exchanged(dataset, steps, steps[-1].fit.noise, 0, None) is None
+    assert _exchanged(dataset, steps, steps[-1].fit.noise, 0, None) == (None, None)
+
+
+def test_two_that_other_two_do_as_well_as_are_left_open(tmp_path):
+    """A law of the load beside any of five does what a wrong zero of both joints and a saturation do."""
+    data = Dataset(load_study(make("reference_zero:load_nonlinearity:1.3:910000004", tmp_path, quick=True)), Library())
+    steps = ladder(data, [("reference_zero", "hip+knee"), SATURATION])
+    better, (rest, told) = _exchanged(data, steps, steps[-1].fit.noise, 0, None)
+    assert better is None and rest == [] and len(told) == search.SHOWN
+    assert [{(e["effect"], e["place"]) for e in pair} for pair in told][0] == {s.added for s in steps[1:]}
+    assert all(("load_nonlinearity", "1A+2A") in [(e["effect"], e["place"]) for e in pair] for pair in told[1:])
+    path, last = search._left_open(data, steps, rest, told, 0, None)
+    assert len(path) == 1 and last.verdict == "unexplained" and last.contested.outdone
+    assert last.contested.together == told
+
+
+def test_what_acts_on_a_friction_moves_with_it(tmp_path):
+    """A drift and a travel before sliding at the other of two stages: there neither alone does as well."""
+    case = "three:thermal_drift+presliding+torque_offset:1.7:910000010"
+    data = Dataset(load_study(make(case, tmp_path, quick=True)), Library())
+    true = [("presliding", "2B"), ("thermal_drift", "2B"), ("torque_offset", "motor2")]
+    wrong = ladder(data, [("presliding", "1B"), ("thermal_drift", "1B"), ("torque_offset", "motor2")])
+    moved = _moved(data, wrong, wrong[-1].fit.noise, None)
+    assert {s.added for s in moved[1:]} == {*true}
+    assert _moved(data, moved, moved[-1].fit.noise, None) is None
 
 
 @pytest.mark.slow
