@@ -26,6 +26,7 @@ VALLEYS = 3  # memories of the grid from which the search starts: the likelihood
 _WAY = 6  # points of the straight way from a start to a valley, on which a ridge between both would show
 _MANY = 40  # means of that many samples, of which fewer tell little of a memory
 COARSE = 16  # samples of the means that must tell of the same noise as single samples do
+FINITE = 800  # samples over which a number may double at each and stay finite
 PROVED = 3.0  # least gain in log-likelihood for which correlated noise is assumed: 5 % by chance (its two parameters)
 
 
@@ -284,26 +285,25 @@ def _gains(kept, slow, white):
 
     Returns what the prediction of a sample takes from the prediction before it, what from the sample before it, and the
     spread of the innovations. The variance after a sample is a fractional-linear function of that after the sample
-    before; such functions compose as matrices, here by doubling, until the first sample is forgotten. Of a matrix only
-    its direction counts, so that the last entry is one. No entry is negative, so that nothing cancels.
+    before, so that its numerator and denominator follow a linear recursion, solved as a banded system. No entry is
+    negative, so that nothing cancels; a denominator doubles at most from one sample to the next.
     """
     decay = kept ** 2
     fresh = np.maximum(slow - decay * np.r_[0.0, slow[:-1]], 0.0)
     size = fresh + white
-    (a, b, c), shift, least = (white * decay / size, white * fresh / size, decay / size), 1, 1e-12 * min(
-        slow.max() / white, 1.0)
-    while shift < len(kept):
-        before = [v[:-shift] for v in (a, b, c)]
-        now = [v[shift:] for v in (a, b, c)]
-        size = 1.0 / (now[2] * before[1] + 1.0)
-        joined = ((now[0] * before[0] + now[1] * before[2]) * size, (now[0] * before[1] + now[1]) * size,
-                  (now[2] * before[0] + before[2]) * size)
-        a, b, c = (np.concatenate([v[:shift], j]) for v, j in zip((a, b, c), joined))
-        shift *= 2
-        if np.max(np.abs(a - b * c)) < least:
-            break
-    after = np.r_[0.0, b[:-1]]
-    ahead = fresh + decay * after
+    over_over, over_under, under_over = white * decay / size, white * fresh / size, decay / size
+    after, before = np.empty(len(kept)), 0.0
+    for k in range(0, len(kept), FINITE):
+        some = slice(k, k + FINITE)
+        m = len(after[some])
+        bands, drive = np.zeros((4, 2 * m), order="F"), np.zeros(2 * m)
+        bands[1, 1:-1:2], bands[2, 1:-1:2] = -over_under[some][1:], -1.0
+        bands[2, 0:-2:2], bands[3, 0:-2:2] = -over_over[some][1:], -under_over[some][1:]
+        drive[:2] = over_over[k] * before + over_under[k], under_over[k] * before + 1.0
+        over, under = dtbtrs(bands, drive, uplo="L", diag="U", overwrite_b=True)[0].reshape(-1, 2).T
+        np.divide(over, under, out=after[some])
+        before = after[k + m - 1]
+    ahead = fresh + decay * np.r_[0.0, after[:-1]]
     gain = ahead / (ahead + white)
     last = np.r_[0.0, gain[:-1]]
     return kept * (1 - last), kept * last, np.sqrt(ahead + white)
@@ -544,13 +544,15 @@ class _Means:
         a, b = white[:-1] @ white[:-1].T, white[:-1] @ white[-1]
         free = np.diag(a) > 0
         a, b = a[np.ix_(free, free)], b[free]
-        left = white[-1] @ white[-1] - b @ np.linalg.lstsq(a, b, rcond=1e-10)[0]
+        values, vectors = np.linalg.eigh(a)
+        seen = values > 1e-10 * values.max(initial=0.0)
+        left = white[-1] @ white[-1] - ((b @ vectors[:, seen]) ** 2 / values[seen]).sum()
         scatter = 1 + (ratio - own) * d / (d - 1) if d > 1 else 1.0
         n = len(spread) + self.count - (len(b) if restricted else 0)
         scale = max((left + self.within / scatter) / n, 1e-300)
         logs = 2 * np.log(spread).sum() + self.count * math.log(scatter)
         if restricted and len(a):
-            logs += np.log(np.maximum(np.linalg.eigvalsh(a), 1e-10)).sum()
+            logs += np.log(np.maximum(values, 1e-10)).sum()
         misfit = 0.5 * (n * math.log(scale) + logs)
         return (misfit, scale, n) if count else (misfit, scale)
 

@@ -293,11 +293,28 @@ class Residuals:
         trust = np.sqrt(huber(self.residual(x))) if robust else None
         for part, residual, slope in self.blocks(x):
             for c, weight in enumerate(weights):
-                stacked = np.vstack([slope[c], residual[c][None]]) * weight
-                if robust:
-                    stacked *= trust[c, part]
-                total += stacked @ stacked.T
+                add_moments(total, slope[c], residual[c], weight * trust[c, part] if robust else weight)
         return total
+
+
+def add_moments(total, slope, residual, weight):
+    """Add the moments of one channel's weighted derivative and residual: most parameters change few channels.
+
+    Parameters
+    ----------
+    total : ndarray, shape (p + 1, p + 1)
+        To be added to.
+    slope : ndarray, shape (p, n)
+        Of the channel, by the free parameters.
+    residual : ndarray, shape (n,)
+    weight : float or ndarray, shape (n,)
+    """
+    live = np.flatnonzero(slope.any(axis=1))
+    rows = np.empty((len(live) + 1, len(residual)))
+    np.multiply(slope[live], weight, out=rows[:-1])
+    np.multiply(residual, weight, out=rows[-1])
+    live = np.append(live, len(slope))
+    total[np.ix_(live, live)] += rows @ rows.T
 
 
 def huber(residual):

@@ -271,9 +271,10 @@ def _can_be_searched(dataset, model):
 
 def _explained_by(findings, chosen, scores):
     """Mark the candidates whose evidence is gone beside the chosen one."""
-    beside = scores.beside(chosen.key)
-    for f in findings:
-        if f is not chosen and f.p_value < LEVEL and beside.get(f.key, 1.0) >= LEVEL:
+    told = [f for f in findings if f is not chosen and f.p_value < LEVEL]
+    beside = scores.beside(chosen.key, only={f.key for f in told})
+    for f in told:
+        if beside.get(f.key, 1.0) >= LEVEL:
             f.explained_by = {"effect": chosen.effect, "place": chosen.place}
 
 

@@ -154,14 +154,14 @@ def _proposal(table, known, depends, share, index):
         for place, drive in drives.items():
             if owner not in ("", place):
                 continue
-            gain = _gain(basis, drive, base, residual, table.fit.weights, fold)
+            gain = _gain(_moments(basis, drive, base, residual, table.fit.weights, fold))
             k = int(np.argmax(gain))
             if best is None or gain[k] > best[0]:
                 best = gain[k], place, name, forms[k], basis[k] * drive, values
     if best is None or share <= 0 or best[0] < ENOUGH * share:
         return None
     gain, place, name, form, column, values = best
-    size = _sizes(np.ones((1, len(residual[0]))), column, base, residual, table.fit.weights, slice(None))[0]
+    size = _sizes(_moments(np.ones((1, len(fold))), column, base, residual, table.fit.weights, fold))[0][0]
     told = form.text.format(x=name)
     return {"text": f"A guess: {number(size)} {torque} more friction at {place}, as {told}; it would take "
                     f"{100 * gain:.0f} % of the residual's energy on passes that it was not fitted to.",
@@ -227,36 +227,38 @@ def _drive(table, component):
     return sum(r[:, probe] for r in table.responses)
 
 
-def _sizes(basis, drive, base, residual, weights, where):
-    """Size of each shape that fits best beside the base parameters, never negative."""
-    w = np.asarray(weights)[:, None]
-    flat = (w[:, :, None] * base)[:, :, where].transpose(1, 0, 2).reshape(base.shape[1], -1)
-    r = (w * residual)[:, where].ravel()
-    columns = (basis[:, None, where] * (w * drive)[None, :, where]).reshape(len(basis), -1)
-    inverse = invert(flat @ flat.T)[0]
-    cross = columns @ flat.T
-    own = np.einsum("ij,ij->i", columns, columns) - np.einsum("ij,jk,ik->i", cross, inverse, cross)
-    score = columns @ r - cross @ (inverse @ (flat @ r))
-    seen = own > 1e-9 * np.einsum("ij,ij->i", columns, columns)
-    return np.where(seen, np.maximum(score, 0) / np.maximum(own, 1e-300), 0)
+def _moments(basis, drive, base, residual, weights, fold):
+    """Products of base and residual, of each shape with both, and of it with itself; fold by fold.
 
-
-def _gain(basis, drive, base, residual, weights, fold):
-    """Share of the residual's energy that each shape takes on folds that its size does not come from."""
+    A shape is the same in all channels but for what the drive makes of it, so that it meets their sum alone.
+    """
     w = np.asarray(weights)[:, None]
-    taken, total = np.zeros(len(basis)), float(((w * residual) ** 2).sum())
-    flat = (w[:, :, None] * base).transpose(1, 0, 2)
+    rows = np.concatenate([base.transpose(1, 0, 2), residual[None]]) * w
+    driven, squares, found = (rows * (w * drive)).sum(1), ((w * drive) ** 2).sum(0), []
     for f in np.unique(fold):
         inside = fold == f
-        size = _sizes(basis, drive, base, residual, weights, ~inside)
-        rest = flat[:, :, ~inside].reshape(len(flat), -1)
-        inverse = invert(rest @ rest.T)[0]
-        columns = basis[:, None, :] * (w * drive)[None]
-        bent = (columns[:, :, ~inside].reshape(len(basis), -1) @ rest.T) @ inverse
-        own = columns[:, :, inside] - np.einsum("ip,pcn->icn", bent, flat[:, :, inside])
-        r = (w * residual)[:, inside]
-        taken += 2 * size * np.einsum("icn,cn->i", own, r) - size ** 2 * np.einsum("icn,icn->i", own, own)
-    return taken / total
+        flat, shape = rows[:, :, inside].reshape(len(rows), -1), basis[:, inside]
+        found.append((flat @ flat.T, shape @ driven[:, inside].T, shape ** 2 @ squares[inside]))
+    return found
+
+
+def _sizes(moments):
+    """Size of each shape that fits best beside the base parameters, never negative; and what of it these take up."""
+    given, cross, own = (sum(m) for m in zip(*moments))
+    taken_up = cross[:, :-1] @ invert(given[:-1, :-1])[0]
+    left = own - np.einsum("ij,ij->i", taken_up, cross[:, :-1])
+    score = cross[:, -1] - taken_up @ given[:-1, -1]
+    return np.where(left > 1e-9 * own, np.maximum(score, 0) / np.maximum(left, 1e-300), 0), taken_up
+
+
+def _gain(moments):
+    """Share of the residual's energy that each shape takes on folds that its size does not come from."""
+    taken = np.zeros(len(moments[0][-1]))
+    for k, (given, cross, own) in enumerate(moments if len(moments) > 1 else ()):
+        size, taken_up = _sizes(moments[:k] + moments[k + 1:])
+        left = own + np.einsum("ij,ij->i", taken_up @ given[:-1, :-1] - 2 * cross[:, :-1], taken_up)
+        taken += 2 * size * (cross[:, -1] - taken_up @ given[:-1, -1]) - size ** 2 * left
+    return taken / sum(given[-1, -1] for given, *_ in moments)
 
 
 def _readable(table, place, name, values, few):

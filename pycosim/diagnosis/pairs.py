@@ -7,6 +7,7 @@ with one of the best pairs, from the moments that its members' own tests are mad
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -344,7 +345,11 @@ def _outdoes(pair, winner, luck):
 def _tell(scores, table, alone, found):
     """What scores and fits say of the effects of each pair, and what could be in the place of each; best pair first."""
     others = [[[k for k in pair.keys if k != key] for key in pair.keys] for pair in found]
-    beside = {tuple(rest): scores.beside(*rest) for some in others for rest in some}
+    asked = defaultdict(set)
+    for pair, some in zip(found, others):
+        for key, rest in zip(pair.keys, some):
+            asked[tuple(rest)].add(key)
+    beside = {rest: scores.beside(*rest, only=keys) for rest, keys in asked.items()}
     for pair, some in zip(found, others):
         for candidate, attached, rest in zip(pair.candidates, pair.attached, some):
             own = max((s for s in scores.results if s.candidate.key == candidate.key), key=lambda s: s.surprise)

@@ -106,15 +106,18 @@ class Scores:
         few, t = slice(None, None, self.few), self.table
         known = len(self.thin[0]) - 1 - self.p if self.thin else 0
         old = [*range(self.p + known), self.p + len(self.columns)] if self.thin else []
-        new = [k for k in range(self.p + len(self.columns) + 1) if k not in old]
+        new = {*range(self.p + len(self.columns) + 1)} - {*old}
         found = []
         for c in range(len(self.weights)):
-            rows = np.array([*t.slope[c][:, few], *[v[c, few] for v in self.columns], t.residual[c, few]])
+            rows = [*t.slope[c][:, few], *[v[c, few] for v in self.columns], t.residual[c, few]]
+            live = [k for k, row in enumerate(rows) if row.any()]  # most candidates change few channels
+            values, fresh = np.array([rows[k] for k in live]), [i for i, k in enumerate(live) if k in new]
             found.append(np.zeros((len(rows), len(rows))))
             if old:
                 found[-1][np.ix_(old, old)] = self.thin[c]
-            found[-1][new] = rows[new] @ rows.T
-            found[-1][:, new] = found[-1][new].T
+            own = values @ values.T if len(fresh) == len(live) else values[fresh] @ values.T
+            found[-1][np.ix_([live[i] for i in fresh], live)] = own
+            found[-1][np.ix_(live, [live[i] for i in fresh])] = own.T
         self.thin = found
         return found
 
@@ -654,13 +657,15 @@ class Scores:
         moved = np.array([gram[g, -1].sum() for g in groups]) - cross @ (inverse @ gram[given, -1])
         return summed(gram, groups) - cross @ inverse @ cross.T, moved
 
-    def beside(self, *keys):
-        """Family-wise p-values of all candidates, with some of them in the model.
+    def beside(self, *keys, only=None):
+        """Family-wise p-values of candidates, with some others of them in the model.
 
         Parameters
         ----------
         *keys : (str, str)
-            Effect and place of each of those; at all points of its grid.
+            Effect and place of each of those others; at all points of its grid.
+        only : collection of (str, str), optional
+            Whose p-values are wanted; by default, of all.
 
         Returns
         -------
@@ -673,7 +678,7 @@ class Scores:
         found = {}
         for score in self.results:
             candidate = score.candidate
-            if not score.visible or candidate.key in keys:
+            if not score.visible or candidate.key in keys or only is not None and candidate.key not in only:
                 continue
             groups = [p + np.array(part) for part in candidate.parts]
             inner, moved = self._beside(groups, given, inverse)

@@ -19,7 +19,7 @@ from ..compile import component_name
 from ..core.errors import NoAnswerError
 from ..data.noise import fit_noise
 from ..data.parameters import phases
-from ..data.residuals import huber
+from ..data.residuals import add_moments, huber
 from ..data.scatter import weights as channel_weights
 from . import late
 from .bounded import NULL, bounded
@@ -496,11 +496,10 @@ def _cross_gram(problem, tidy, x, weights, robust):
 
 def _crossed(slopes, residual, p, weights, robust):
     """Moments of derivatives by p parameters, part by part of the samples, and a residual of all."""
-    trust, total = np.sqrt(huber(residual)) if robust else np.ones_like(residual), np.zeros((p + 1, p + 1))
+    trust, total = np.sqrt(huber(residual)) if robust else None, np.zeros((p + 1, p + 1))
     for part, slope in slopes:
         for c, weight in enumerate(weights):
-            rows = np.concatenate([slope[c], residual[c][None, part]]) * (weight * trust[c, part])
-            total += rows @ rows.T
+            add_moments(total, slope[c], residual[c, part], weight * trust[c, part] if robust else weight)
     return total
 
 
