@@ -118,10 +118,11 @@ class _System:
             return
         self.unknown.discard(name)
         self.solved.append((name, expression))
-        for key in sorted(self.where.pop(name, ())):
-            equation, _ = self.equations[key]
+        keys = sorted(self.where.pop(name, ()))
+        equations = [self.equations[key][0] for key in keys]
+        for key, equation in zip(keys, ca.substitute(equations, [self.symbols[name]], [expression]) if keys else ()):
             self.drop_keep(key, name)
-            self.add(ca.substitute(equation, self.symbols[name], expression))
+            self.add(equation)
 
     def drop_keep(self, key, name):
         _, names = self.equations.pop(key)
@@ -175,6 +176,8 @@ def _bent(flat):
     """
     found = set()
     for equation in flat.equations:
+        if not any(f"{called}(" in str(equation) for called in ("fabs", "sq", "sign")):  # most are sums
+            continue
         inputs = ca.symvar(equation)
         function, held = ca.Function("f", inputs, [equation]), {}
         for k in range(function.n_instructions()):
@@ -449,7 +452,7 @@ def solve(flat, known, keep=(), explicit=True):
     solution.states = sorted(x for x in system.differentiated if x in system.unknown)
     residuals = [e for e, names in system.equations.values()]
     unknowns = sorted(system.unknown - set(solution.states))
-    used = {n for r in residuals for n in system.names(r)} | {n for _, e in system.solved for n in system.names(e)}
+    used = system.names(ca.vertcat(*residuals, *(e for _, e in system.solved)))
     unknowns = [u for u in unknowns if u in used or u in rates]
     if len(residuals) != len(unknowns):
         raise ModelicaError(
@@ -511,9 +514,6 @@ def _close(flat, system, solution):
 
 def _substitute_back(system, solution):
     """Fill in values in reverse order of elimination, so that every value is explicit."""
-    values = {}
-    for name, expression in reversed(system.solved):
-        inner = [s for s in ca.symvar(expression) if s.name() in values]
-        values[name] = (ca.substitute([expression], inner, [values[s.name()] for s in inner])[0]
-                        if inner else expression)
-    solution.values = values
+    names, expressions = zip(*reversed(system.solved))
+    explicit, _ = ca.substitute_inplace([system.symbols[n] for n in names], [*expressions], [], False)
+    solution.values = dict(zip(names, explicit))
