@@ -10,7 +10,7 @@ import numpy as np
 
 from ..compile import ArrayFunction, catalogue, compile_model
 from ..core.errors import DataError, StillError
-from ..dynamics.delays import Clock, Record, undo
+from ..dynamics.delays import Clock, Moved, Record, undo
 from ..dynamics.filters import settings
 from ..dynamics.states import propagate
 from . import instruments, segmentation, torques, turns
@@ -144,7 +144,7 @@ class Dataset:
     def _gather(self):
         self.time = np.concatenate([log.time for log in self.logs])
         self.run = np.concatenate([np.full(len(log.time), k) for k, log in enumerate(self.logs)])
-        self.clock, self._records = Clock(self.time, self.run), {}
+        self.clock, self._records, self._late = Clock(self.time, self.run), {}, Moved()
         self.left_out = np.concatenate([self.study.left_out(log.name, log.time) for log in self.logs])
         shared = set.intersection(*[set(log.signals) for log in self.logs])
         recorded = [self._recorded(log) for log in self.logs]
@@ -314,10 +314,10 @@ class Dataset:
         late = [n for n in question.late if not torques.is_motion(n)]
         if self.moving is None:  # no passes yet: torques are taken as recorded, of which no speed is made
             return undo(question, all_given, self.time, self.run, parameters, {n: (still, still) for n in late},
-                        lambda name, lag: (still, still), self._record, some=some)
+                        lambda name, lag: (still, still), self._record, some=some, kept=self._late)
         return undo(question, all_given, self.time, self.run, parameters, {n: torques.slope(self, n) for n in late},
                     partial(torques.held_back, self), self._record,
-                    partial(torques.calm, self) if signals is self.signals else None, some)
+                    partial(torques.calm, self) if signals is self.signals else None, some, self._late)
 
     def _record(self, values):
         """A recorded signal that can be read at other times."""

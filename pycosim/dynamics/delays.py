@@ -18,9 +18,11 @@ from ..compile import FILTERED
 from .filters import settings
 
 _LEAST, _KEPT = 8, 4  # samples of a log that is moved; readings of a record that are kept
+_HELD = 1 << 25  # bytes of measured torques that are kept as they were moved
 
 
-def undo(question, signals, time, run, parameters, slopes=None, held=None, record=None, moved=None, some=slice(None)):
+def undo(question, signals, time, run, parameters, slopes=None, held=None, record=None, moved=None, some=slice(None),
+         kept=None):
     """Signals of a question with their delays undone.
 
     Parameters
@@ -48,6 +50,8 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
         stays where it is, shape (n,); NaN where it may jump: there it is moved as recorded. As recorded by default.
     some : slice or ndarray of int
         Samples wanted.
+    kept : Moved, optional
+        Of these samples; what it has not moved yet is put in.
 
     Returns
     -------
@@ -55,6 +59,7 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
         Those that the question delays, and each delay [s], a number, under ``at(x)``.
     """
     found, nearest = {}, cache(partial(_nearest, time, run))  # torques are often as late as each other
+    kept = kept or Moved()
     if not question.late:
         return found
     values = settings(question, [*question.late.values(), *(f"lag({n})" for n in question.late)], parameters)
@@ -67,7 +72,7 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
         else:
             near, slope = slice(None), slopes[name][0]
             if delay:
-                near, slope, record_then = _moved(name, signals[name], delay, nearest(delay), slopes[name], moved)
+                near, slope, record_then = kept.at(name, signals[name], delay, nearest, slopes[name], moved)
                 found[name] = record_then[some]
             slope = slope[some]
             back = [v[near][some] for v in held(name, lag)] if at_lag in question.inputs else ()
@@ -76,6 +81,44 @@ def undo(question, signals, time, run, parameters, slopes=None, held=None, recor
         if at_lag in question.inputs:
             found[name], found[at_lag], found[by_lag] = found[name] + back[0], float(lag), back[1]
     return found
+
+
+class Moved:
+    """Measured torques moved in time; the last of them are kept, for one effect after the other asks for the same."""
+
+    def __init__(self):
+        self._known = {}
+
+    def at(self, name, values, delay, nearest, slopes, moved):
+        """A torque moved by a delay.
+
+        Parameters
+        ----------
+        name : str
+        values : ndarray, shape (n,)
+            Its record.
+        delay : float
+            [s]
+        nearest : callable
+            A delay to the nearest samples and how much later it is than they are, each of shape (n,).
+        slopes : (ndarray, ndarray)
+        moved : callable or None
+            Both as of `undo`.
+
+        Returns
+        -------
+        near, slope, moved : ndarray, shape (n,)
+            Nearest samples, the slope there, and the record moved.
+        """
+        key = id(values), id(slopes[0]), delay, moved is None
+        found, _ = self._known.get(key, (None, None))
+        if found is None:
+            found = _moved(name, values, delay, nearest(delay), slopes, moved)
+            room = max(_HELD // sum(v.nbytes for v in found), 1)
+            for old in [*self._known][:max(len(self._known) - room + 1, 0)]:
+                self._known.pop(old, None)
+            self._known[key] = found, (values, slopes)  # held, so that no other has their names
+        return found
 
 
 def _moved(name, values, delay, nearest, slopes, moved):
