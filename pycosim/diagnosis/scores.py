@@ -550,10 +550,11 @@ class Scores:
         """
         groups = [*[[k] for k in range(self.p)], *[self.p + np.array(part) for c in candidates for part in c.parts]]
         a, b = summed(self.gram, groups), np.array([self.gram[-1][g].sum() for g in groups])
-        with_them, x = bounded(a, b, *self._bounds(*candidates))
         if not hasattr(self, "_without"):
-            self._without = bounded(a[:self.p, :self.p], b[:self.p], *self._bounds())[0]
-        fall = max(0.0, (with_them - self._without) / self.variance)
+            self._without = bounded(a[:self.p, :self.p], b[:self.p], *self._bounds())
+        without, near = self._without
+        with_them, x = bounded(a, b, *self._bounds(*candidates), np.append(near, np.full(len(b) - self.p, np.nan)))
+        fall = max(0.0, (with_them - without) / self.variance)
         return fall / max(self._inflation(c) for c in candidates), x[self.p:]
 
     def _bounds(self, *candidates):

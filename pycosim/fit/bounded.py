@@ -11,9 +11,12 @@ from scipy.optimize import lsq_linear
 NULL = 1e-9  # eigenvalue of the scaled normal matrix below which a direction is not determined
 
 
-def _pressed(a, b, low, high):
-    """Solution with what leaves the bounds pressed against them, one let go where that is better; None if not found."""
-    held, enough = np.zeros(len(b), dtype=int), 1e-9 * np.abs(b).max(initial=0.0)
+def _pressed(a, b, low, high, held):
+    """Solution with what leaves the bounds pressed against them, one let go where that is better; None if not found.
+
+    ``held`` is -1 and 1 for what is pressed from the start, low and high.
+    """
+    enough = 1e-9 * np.abs(b).max(initial=0.0)
     for _ in range(3 * len(b) + 1):
         free = held == 0
         x = np.where(held < 0, low, np.where(held > 0, high, 0.0))
@@ -34,7 +37,7 @@ def _pressed(a, b, low, high):
     return None
 
 
-def bounded(a, b, low, high):
+def bounded(a, b, low, high, near=None):
     """Maximise ``2 b'x - x'a x`` within bounds.
 
     Parameters
@@ -43,18 +46,21 @@ def bounded(a, b, low, high):
         Positive semidefinite.
     b, low, high : ndarray, shape (p,)
         Slope at zero, and the bounds of x; infinite where there is none.
+    near : ndarray, shape (p,), optional
+        The solution of a problem much like it: what is at a bound there is tried there first.
 
     Returns
     -------
     value : float
     x : ndarray, shape (p,)
     """
+    held = np.zeros(len(b), dtype=int) if near is None else (near >= high).astype(int) - (near <= low)
     seen = np.diag(a) > 0  # beside nothing, what is shared is the rounding of a difference
     scale = np.sqrt(np.where(seen, np.diag(a), 1.0))
     s, low, high = a / np.outer(scale, scale), low * scale, np.maximum(high, low + 1e-12) * scale
     if not seen.all():
         s[~seen, :] = s[:, ~seen] = 0.0
-    x = _pressed(s, b / scale, low, high)
+    x = _pressed(s, b / scale, low, high, held)
     if x is None:
         values, vectors = np.linalg.eigh(s)
         keep = values > NULL

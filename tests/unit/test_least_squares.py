@@ -29,7 +29,9 @@ def test_the_best_within_bounds_is_that_of_scipy():
                        (low, np.maximum(high, low + 1e-9)), method="bvls", max_iter=500).x
         assert np.all((x >= low - 1e-9) & (x <= high + 1e-9))
         assert value >= 2 * b @ y - y @ a @ y - 1e-6 * abs(value)
-        given_up += _pressed(a, b, low, high) is None
+        given_up += _pressed(a, b, low, high, np.zeros(p, dtype=int)) is None
+        near = np.choose(rng.integers(0, 3, p), [low, high, np.full(p, np.nan)])
+        assert np.isclose(bounded(a, b, low, high, near)[0], value, rtol=1e-9)
     assert not given_up
 
 
