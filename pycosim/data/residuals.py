@@ -307,7 +307,9 @@ def add_moments(total, slope, residual, weight):
     slope : ndarray, shape (p, n)
         Of the channel, by the free parameters.
     residual : ndarray, shape (n,)
+        Of the channel.
     weight : float or ndarray, shape (n,)
+        Of the channel, or of each sample.
     """
     live = np.flatnonzero(slope.any(axis=1))
     rows = np.empty((len(live) + 1, len(residual)))

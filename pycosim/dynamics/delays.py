@@ -95,6 +95,7 @@ class Moved:
         Parameters
         ----------
         name : str
+            Of the torque.
         values : ndarray, shape (n,)
             Its record.
         delay : float
@@ -102,8 +103,9 @@ class Moved:
         nearest : callable
             A delay to the nearest samples and how much later it is than they are, each of shape (n,).
         slopes : (ndarray, ndarray)
+            Of the torque, as of `undo`.
         moved : callable or None
-            Both as of `undo`.
+            As of `undo`.
 
         Returns
         -------
