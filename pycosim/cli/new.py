@@ -218,7 +218,7 @@ def template(library, rig, runs, modelica=(), proposal=None):
     str
         A line without its end.
     """
-    from ..compile import catalogue, compile_model, places
+    from ..compile import compile_model
     from ..study.schema import MOST
     from ..study.template import first_parameters
     from ..study.toml import to_toml
@@ -253,6 +253,12 @@ def template(library, rig, runs, modelica=(), proposal=None):
     yield from _column_lines(model, wanted, known) if proposal is None else _mapped_lines(model, proposal)
     for line in _other_columns(known):
         yield f"# {line}"
+    yield from _effect_lines(library, rig)
+
+
+def _effect_lines(library, rig):
+    """Lines of a study that say which effects there are, and where."""
+    from ..compile import catalogue, places
     yield "\n# Effects, to be added by hand or found by 'pycosim improve':"
     yield '# [[effects]]\n# effect = "viscous"\n# place = ".."'
     for effect in catalogue(library).values():

@@ -176,7 +176,8 @@ def _bent(flat):
     """
     found = set()
     for equation in flat.equations:
-        if not any(f"{called}(" in str(equation) for called in ("fabs", "sq", "sign")):  # most are sums
+        text = str(equation)
+        if not any(f"{called}(" in text for called in ("fabs", "sq", "sign")):  # most are sums
             continue
         inputs = ca.symvar(equation)
         function, held = ca.Function("f", inputs, [equation]), {}
@@ -514,6 +515,7 @@ def _close(flat, system, solution):
 
 def _substitute_back(system, solution):
     """Fill in values in reverse order of elimination, so that every value is explicit."""
-    names, expressions = zip(*reversed(system.solved))
-    explicit, _ = ca.substitute_inplace([system.symbols[n] for n in names], [*expressions], [], False)
-    solution.values = dict(zip(names, explicit))
+    names, expressions = [n for n, _ in reversed(system.solved)], [e for _, e in reversed(system.solved)]
+    if names:
+        expressions, _ = ca.substitute_inplace([system.symbols[n] for n in names], expressions, [], False)
+    solution.values = dict(zip(names, expressions))

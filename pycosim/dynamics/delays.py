@@ -116,7 +116,7 @@ class Moved:
         found, _ = self._known.get(key, (None, None))
         if found is None:
             found = _moved(name, values, delay, nearest(delay), slopes, moved)
-            room = max(_HELD // sum(v.nbytes for v in found), 1)
+            room = max(_HELD // max(sum(v.nbytes for v in found), 1), 1)
             for old in [*self._known][:max(len(self._known) - room + 1, 0)]:
                 self._known.pop(old, None)
             self._known[key] = found, (values, slopes)  # held, so that no other has their names
