@@ -1,9 +1,10 @@
 """Residual equations and the list of known variables in, explicit CasADi expressions of the unknown ones out.
 
-The method: substitute away every equation that is linear in one of its unknowns with a coefficient free of unknowns;
-when a differentiated variable goes, its derivative becomes the derivative of its expression (this is the index
-reduction); what is left is cut into blocks, and a block that is piecewise linear in its unknowns (a segment's law) is
-solved in closed form, sign case by sign case.
+The method: what only says that an unknown is another, its negative or zero goes first, all of it in one substitution;
+then every equation that is linear in one of its unknowns with a coefficient free of unknowns is substituted away; when
+a differentiated variable goes, its derivative becomes the derivative of its expression (this is the index reduction);
+what is left is cut into blocks, and a block that is piecewise linear in its unknowns (a segment's law) is solved in
+closed form, sign case by sign case.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def der(name, order=1):
 class _System:
     """The equations while they shrink."""
 
-    def __init__(self, flat, known):
+    def __init__(self, flat, known, explicit):
         self.flat = flat
         self.symbols = dict(flat.symbols)
         self.known = set(flat.parameters) | {"time"} | set(known)
@@ -79,8 +80,18 @@ class _System:
             self.symbol(der(x), known=True)
             if x in known and der(x) in flat.derivatives:
                 self.symbol(der(x, 2), known=True)
-        for equation in flat.equations:
+        self.bent = _bent(flat) - self.differentiated if explicit else set()
+        for equation in self.renamed(flat.equations):
             self.add(equation)
+
+    def renamed(self, equations):
+        """The equations but for those that give an unknown another name, without these unknowns."""
+        names = _Names(self)
+        left = names.sort_out(equations)
+        values = [names.value(n) for n in names.heads]
+        self.unknown.difference_update(names.heads)
+        self.solved += zip(names.heads, values)
+        return ca.substitute(left, [self.symbols[n] for n in names.heads], values) if left and values else left
 
     def symbol(self, name, known=False):
         if name not in self.symbols:
@@ -153,6 +164,79 @@ class _System:
             self.flat.derivatives.setdefault(name, rate)
             self.rates.add(rate)
         return self.symbol(rate)
+
+
+class _Names:
+    """Which unknowns are another variable, its negative, or zero; of two that one goes which `_candidate` chooses."""
+
+    def __init__(self, system):
+        self.system, self.heads = system, {}  # a name: who stands for it (None: zero), and the sign
+
+    def head(self, name):
+        sign = 1
+        while name in self.heads:
+            name, step = self.heads[name]
+            sign *= step
+        return name, sign
+
+    def value(self, name):
+        head, sign = self.head(name)
+        if head is None:
+            return ca.SX(0)
+        return self.system.symbols[head] if sign > 0 else -self.system.symbols[head]
+
+    def rank(self, name):
+        """Kind of a variable and who goes first of a kind: 0 plain, 1 bent, 2 with a derivative, 3 known or zero."""
+        if name not in self.system.unknown:
+            return 3, 0, 0, ""
+        kind = 2 if name in self.system.differentiated else int(name in self.system.bent)
+        return kind, -name.count("."), -len(name), name
+
+    def sort_out(self, equations):
+        """The equations that say more than a name does; what becomes zero or one of two on the way is a name too."""
+        sums = [_sum(e) for e in equations]
+        left = [e for e, terms in zip(equations, sums) if terms is None]
+        waiting = [pair for pair in zip(equations, sums) if pair[1] is not None]
+        while True:
+            said = [not self.join(terms) for _, terms in waiting]
+            if all(said):
+                return left + [e for e, _ in waiting]
+            waiting = list(itertools.compress(waiting, said))
+
+    def join(self, terms):
+        """Whether a sum of variables that is zero says no more than who is whom; it is taken up then."""
+        factors = {}
+        for name, factor in terms.items():
+            head, sign = self.head(name)
+            if head is not None:
+                factors[head] = factors.get(head, 0) + sign * factor
+        factors = {n: f for n, f in factors.items() if f}
+        if not factors:
+            return True
+        low, high = [*sorted(factors, key=self.rank), None][:2]
+        kind, other = self.rank(low)[0], self.rank(high)[0]
+        if len(factors) > 2 or kind > 1 or kind == 1 and other not in (1, 3) or factors.keys() & self.system.rates:
+            return False
+        turn = -factors[low] * factors.get(high, factors[low])
+        if high is not None and abs(factors[low]) != abs(factors[high]):
+            return False
+        self.heads[low] = high, int(np.sign(turn))
+        return True
+
+
+def _sum(equation, sign=1):
+    """Names and factors of an equation that is a sum of variables; None of any other."""
+    if equation.is_symbolic():
+        return {equation.name(): sign}
+    if equation.is_op(ca.OP_NEG):
+        return _sum(equation.dep(0), -sign)
+    if not (equation.is_op(ca.OP_ADD) or equation.is_op(ca.OP_SUB)):
+        return {} if equation.is_zero() else None
+    first = _sum(equation.dep(0), sign)
+    second = first is not None and _sum(equation.dep(1), sign if equation.is_op(ca.OP_ADD) else -sign)
+    if not second:
+        return first if second == {} else None
+    return {n: first.get(n, 0) + second.get(n, 0) for n in {**first, **second}}
 
 
 def _usable(system, coefficient):
@@ -316,8 +400,7 @@ def piecewise_linear(residuals, x):
 
 def _constant_sign(sign):
     """The number, where a sign is the same for all parameters tried; else the expression."""
-    rng = np.random.default_rng(1)
-    seen = {float(_numeric([ca.densify(sign)], rng)[0].item()) for _ in range(8)}
+    seen = set(_numeric([ca.densify(sign)], np.random.default_rng(1), 8)[0].ravel())
     return seen.pop() if len(seen) == 1 else sign
 
 
@@ -327,14 +410,12 @@ def _solves(residuals, x, result, parameters):
     after = ca.substitute(before, ca.vertcat(*x), ca.vertcat(*result))
     names = ca.symvar(ca.vertcat(after, before))
     check = ca.Function("check", names, [ca.densify(after), ca.densify(before)])
-    rng = np.random.default_rng(2)
-    for _ in range(16):
-        point = [parameters[n.name()].value + 1e-3 * parameters[n.name()].nominal if n.name() in parameters
-                 else rng.uniform(-0.9, 0.9) for n in names]
-        error, size = (np.abs(np.array(v)).max() for v in check.call([ca.DM(v) for v in point]))
-        if np.isfinite(error) and error > 1e-6 * (1 + size):
-            return False
-    return True
+    points = np.random.default_rng(2).uniform(-0.9, 0.9, (len(names), 16))
+    for row, name in zip(points, (n.name() for n in names)):
+        if name in parameters:
+            row[:] = parameters[name].value + 1e-3 * parameters[name].nominal
+    error, size = (np.abs(np.array(v)).max(axis=0) for v in check.call([ca.DM(row[None]) for row in points]))
+    return not (np.isfinite(error) & (error > 1e-6 * (1 + size))).any()
 
 
 def _depends(expression, symbol):
@@ -364,10 +445,11 @@ def solve_small(matrix, right):
     return ca.solve(ca.densify(matrix), right)
 
 
-def _numeric(expressions, rng):
+def _numeric(expressions, rng, points=1):
+    """Values where all symbols are drawn by lot, points beside each other."""
     names = ca.symvar(ca.vertcat(*[ca.vec(e) for e in expressions]))
     f = ca.Function("f", names, expressions)
-    return [np.array(v) for v in f.call([ca.DM(rng.uniform(0.2, 0.9)) for _ in names])]
+    return [np.array(v) for v in f.call([ca.DM(rng.uniform(0.2, 0.9, (1, points))) for _ in names])]
 
 
 def _linear(jacobian, v, signed):
@@ -445,8 +527,7 @@ def solve(flat, known, keep=(), explicit=True):
         Too many or too few equations, or no closed form where one was asked for.
     """
     flat.derivatives = dict(flat.derivatives)
-    system = _System(flat, known)
-    system.bent = _bent(flat) - system.differentiated if explicit else set()
+    system = _System(flat, known, explicit)
     _eliminate(system, set(keep))
     rates = {flat.derivatives[x] for x in system.differentiated}
     solution = Solution(system.symbols)
