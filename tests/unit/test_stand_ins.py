@@ -6,10 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
-from scipy.stats import binom, norm
+from scipy.signal import lfilter
+from scipy.stats import binom, kstest, norm
 
+from pycosim.data.noise import Noise, chained
 from pycosim.diagnosis import constancy, search
 from pycosim.diagnosis.constancy import (
+    CHANCE,
     FREE,
     OWN,
     SURE,
@@ -22,6 +25,7 @@ from pycosim.diagnosis.constancy import (
     _placebos,
     _sided,
     _straight,
+    _Whitened,
     as_good_a_law,
     levels,
 )
@@ -65,6 +69,43 @@ def test_a_right_law_gains_nothing_by_a_coefficient_that_varies():
     assert ((found[:, :, 1] > 1).sum(0) <= binom.ppf(0.999, 60, 0.01)).all(), found[:, :, 1].max(0)
 
 
+def _in_slow_noise(law, seed, signals=20):
+    """Of a log of 51 s: errors over the bar of an offset on a line of each slow signal, and the chance of each gain.
+
+    The last signal is the load that the law is given. Noise is as in `benchmarks/real_logs`: white, and of a second.
+    """
+    rng, n, dt = np.random.default_rng(seed), 3600, 51.0 / 3600
+    block, time = np.repeat(np.arange(30), 120), dt * np.arange(n)
+    speed = rng.uniform(0.5, 2.0, 30)[block] * np.sin(2 * np.pi * np.arange(n) / 120)
+    periods, phases = rng.uniform(4.0, 40.0, (signals, 3, 1)), rng.uniform(0, 2 * np.pi, (signals, 3, 1))
+    values = np.sin(2 * np.pi * time / periods + phases).sum(1)
+    kept = np.exp(-dt)
+    slow = lfilter([np.sqrt(1 - kept ** 2)], [1, -kept], rng.standard_normal(n))
+    slope = np.array([np.sign(speed), speed, np.ones(n)])
+    measured = law(speed, values[-1]) + 0.1 * (rng.standard_normal(n) + 0.4 * slow)
+    x = np.linalg.lstsq(slope.T, measured, rcond=None)[0]
+    left, added = (measured - x @ slope)[None], np.full((1, n), x[2])
+    fit = SimpleNamespace(noise=[Noise(0.1, 0.04, 1.0)], weights=np.ones(1))
+    whitened = _Whitened(fit, chained(time, np.zeros(n), True), slope[None], left)
+    laws = _Laws(added, slope[None], _pieces(block))
+    lines = [added[:, None] * _straight(v) for v in values]
+    return np.array([(laws.gain(left, row)[1] / SURE, whitened.chance(row)) for row in lines]).T
+
+
+def test_noise_that_changes_slowly_varies_no_coefficient():
+    found = [_in_slow_noise(lambda w, load: 0.3 * np.sign(w) + 0.5 * w + 0.2, seed) for seed in range(100)]
+    chances = np.array([chance for _, chance in found])
+    told = np.array([((over > 1) & (chance < CHANCE / chance.size)).any() for over, chance in found])
+    assert told.sum() <= binom.ppf(0.999, 100, CHANCE)
+    assert sum((over > 1).any() for over, _ in found) > 5  # stretches alone would tell many
+    assert kstest(chances[:, 0], "uniform").pvalue > 1e-3
+
+
+def test_an_offset_that_is_a_torque_by_the_load_is_told_in_slow_noise():
+    found = [_in_slow_noise(lambda w, load: 0.3 * np.sign(w) + 0.5 * w + 0.1 + 0.05 * load, seed) for seed in range(20)]
+    assert all(over[-1] > 1 and chance[-1] < CHANCE / chance.size for over, chance in found)
+
+
 def _by_load(law, seed):
     """What a straight line of a load, and of its magnitude, gains a viscosity, in errors over the bar."""
     rng = np.random.default_rng(seed)
@@ -88,7 +129,7 @@ def _asked(measured, slopes, own, values, monkeypatch, most=np.inf):
         seen[id(fits[count])] = -slopes[None, :count], (measured - x @ slopes[:count])[None]
     added = fits[2].values[1] * own
     monkeypatch.setattr(constancy, "_seen", lambda dataset, model, fit: (
-        *seen[id(fit)], None, _pieces(np.repeat(np.arange(30), 120)), 1))
+        *seen[id(fit)], None, _pieces(np.repeat(np.arange(30), 120)), 1, None))
     monkeypatch.setattr(constancy, "_added", lambda *given: added[None])
     monkeypatch.setattr(constancy, "_parts", lambda *given: {})
     monkeypatch.setattr(constancy, "explanations", lambda *given: values)
