@@ -30,6 +30,8 @@ _EVIDENCE = {
                "share of what a candidate takes that it may gain where its coefficient varies"),
     "varies_sure": ("diagnosis.constancy.SURE",
                     "standard errors by which a varying coefficient must predict unseen data better"),
+    "varies_chance": ("diagnosis.constancy.CHANCE",
+                      "chance by which one of all variables may gain as much in correlated noise by a line, or less"),
 }
 _REST = {
     "contested": ("diagnosis.rivals.CONTESTED", "alternatives beyond which none is a name"),

@@ -1,6 +1,7 @@
 """Every class of the library compiles, in two compilers, and describes itself; an effect at neutral changes nothing."""
 
 import re
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from pycosim.compile import Library, Model, catalogue, component_name, places
 from pycosim.compile.attach import attach
 from pycosim.compile.parse import LIBRARY
+from pycosim.compile.solve import _Names
 from pycosim.dynamics.simulate import dynamics, estimate
 from pycosim.dynamics.stepping import GAP, gap, watched
 
@@ -180,3 +182,31 @@ def test_an_effect_of_the_base_model_is_neither_a_place_nor_a_candidate_there(li
     for effect in catalogue(library).values():
         found = {p.name for p in places(library, f"DriveTrain.{name}", effect)}
         assert found <= ({"motor"} if effect.id == "viscous" else {"motor", segment})
+
+
+def _named(equations, known=("k",), differentiated=("d",), bent=("v",)):
+    """What stays of equations among single letters, and what each unknown that goes is."""
+    letters = {n: ca.SX.sym(n) for n in "abcdkmv"}
+    names = _Names(SimpleNamespace(unknown={*letters} - {*known}, symbols=letters, differentiated={*differentiated},
+                                   rates=set(), bent={*bent}))
+    left = names.sort_out([eval(e, {"fabs": ca.fabs}, letters) for e in equations])
+    return [str(e) for e in left], {n: str(names.value(n)) for n in names.heads}
+
+
+@pytest.mark.parametrize(("equations", "left", "values"), [
+    (["a - k"], [], {"a": "k"}),
+    (["b + k"], [], {"b": "(-k)"}),
+    (["a - b", "b + c", "c - k"], [], {"a": "(-k)", "b": "(-k)", "c": "k"}),
+    (["a", "a + b + c"], [], {"a": "0", "b": "(-c)"}),  # a sum becomes a name as one of its terms is zero
+    (["a + b", "a - b"], [], {"a": "0", "b": "0"}),
+    (["a - b", "b - a"], [], {"a": "b"}),
+    (["a - 2 * b", "a - fabs(b)"], ["(a-(2*b))", "(a-fabs(b))"], {}),
+    (["a + b + c"], ["((a+b)+c)"], {}),
+    (["d - a"], [], {"a": "d"}),
+    (["d - k", "d - a", "a - c"], ["(d-k)"], {"a": "d", "c": "d"}),  # a state stays, though its value is known
+    (["k - m"], [], {"m": "k"}),
+    (["v - a", "v - d"], ["(v-d)"], {"a": "v"}),  # what stands in an absolute value goes by no state ..
+    (["v - k", "a - v"], [], {"v": "k", "a": "k"}),  # .. but by what is known
+])
+def test_what_only_names_an_unknown_goes_at_once(equations, left, values):
+    assert _named(equations) == (left, values)
