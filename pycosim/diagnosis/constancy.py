@@ -9,11 +9,9 @@ of them adds is multiplied by a line of its own load, speed or angle as well.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from ..compile import compile_model, component_name, places
 from ..data.instruments import rounding
@@ -21,6 +19,7 @@ from ..fit.bounded import bounded
 from .crossval import difference
 from .dependence import AGAIN, FOLDS, SAMPLES, explanations
 from .rivals import ALIKE, SEPARATE
+from .whitened import Whitened
 
 LEVELS, PARTS = 8, 64  # of a variable, over which the coefficient may differ, and of its range
 LACK = 0.02
@@ -56,7 +55,6 @@ PLACEBOS, OTHER = 19, 0.5
 """Signals that the effect's own is compared with, itself at other times, and how much one may be like it. Beside
 something else that is missing a free function catches some of that whatever it multiplies, and on unseen passes too
 where the machine repeats its motion. Of 19, one is above the rest by chance in 5 % of the cases."""
-RANK = 1e-10  # of the square of a column that is no more than rounding beside others
 TINY = 1e-9  # of a slope's own square, that keeps what the data do not tell where it is
 CENTRE = 0.455  # median of the square of a normal variable
 
@@ -137,7 +135,8 @@ def constancy(dataset, model, fit, seed=0):
         By effect and place.
     """
     slope, left, index, pieces, thin, chain = _seen(dataset, model, fit)
-    whitened = _Whitened(fit, chain, slope, left)
+    weighed = [replace(n, white=w * n.white, slow=w * n.slow) for n, w in zip(fit.noise, fit.weights)]
+    whitened = Whitened(weighed, chain, left, slope)
     values = explanations(dataset, model, fit, index)
     bins = {n: levels(v) for n, v in values.items()}
     drawn, rng = rounding(dataset, model, fit), np.random.default_rng(seed)
@@ -396,51 +395,6 @@ class _Laws:
         steps = np.diff(left, append=left[:, -1:])
         size = np.bincount(self.pieces, (steps ** 2).sum(0)) / np.bincount(self.pieces)
         return usual * np.maximum(1.0, size / (np.median(size) + 1e-300)) + 1e-9 * xx.sum()
-
-
-class _Whitened:
-    """A residual and the slopes of all that is free, in units of correlated noise.
-
-    Parameters
-    ----------
-    fit : Fit
-        Whose noise and weights it is.
-    chain : Chain
-        Of the samples.
-    slope : ndarray, shape (channels, free, n)
-        In units of the weights, as the residual.
-    left : ndarray, shape (channels, n)
-    """
-
-    def __init__(self, fit, chain, slope, left):
-        self.noise, self.weights, self.chain = fit.noise, fit.weights, chain
-        self.slope, self.left = slope, left
-
-    def _of(self, rows):
-        """The channels one after the other: shape (channels * n, any)."""
-        return np.concatenate([n.whiten(r / w, self.chain).T for n, r, w in zip(self.noise, rows, self.weights)])
-
-    @cached_property
-    def _base(self):
-        """What spans the slopes, and the residual beside them."""
-        slope, left = self._of(self.slope), self._of(self.left[:, None])[:, 0]
-        span = _span(slope)
-        return span, left - span @ (span.T @ left)
-
-    def chance(self, varied):
-        """Chance that noise alone gains as much by rows of shape (channels, any, n) beside the slopes."""
-        span, left = self._base
-        rows = self._of(varied)
-        more = _span(rows - span @ (span.T @ rows), np.sqrt((rows ** 2).sum(0)))
-        return chi2.sf(float(((more.T @ left) ** 2).sum() / (left ** 2).mean()), max(more.shape[1], 1))
-
-
-def _span(columns, size=None):
-    """Orthonormal columns that span others, but for what is rounding beside the size that each had."""
-    size = np.sqrt((columns ** 2).sum(0)) if size is None else size
-    values, vectors = np.linalg.eigh((scaled := columns / np.maximum(size, 1e-300)).T @ scaled)
-    told = values > RANK * max(values.max(initial=0.0), 1.0)
-    return scaled @ (vectors[:, told] / np.sqrt(values[told]))
 
 
 def _placebos(laws, left, law, rng):

@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 from scipy.stats import binom, kstest, norm
 
-from pycosim.data.noise import Noise, chained
+from pycosim.data.noise import Noise, chained, fit_noise
 from pycosim.diagnosis import constancy, search
 from pycosim.diagnosis.constancy import (
     CHANCE,
@@ -25,13 +25,13 @@ from pycosim.diagnosis.constancy import (
     _placebos,
     _sided,
     _straight,
-    _Whitened,
     as_good_a_law,
     levels,
 )
 from pycosim.diagnosis.dependence import Dependence, _dependence, _Given, calm_floor, noise_floor
 from pycosim.diagnosis.finding import Diagnosis, Finding
 from pycosim.diagnosis.remainder import HELD_OUT, LEFT, WANDERS, remaining, rises
+from pycosim.diagnosis.whitened import Whitened
 
 
 def _fitted(law, speed, rng, memory=0.9):
@@ -85,8 +85,7 @@ def _in_slow_noise(law, seed, signals=20):
     measured = law(speed, values[-1]) + 0.1 * (rng.standard_normal(n) + 0.4 * slow)
     x = np.linalg.lstsq(slope.T, measured, rcond=None)[0]
     left, added = (measured - x @ slope)[None], np.full((1, n), x[2])
-    fit = SimpleNamespace(noise=[Noise(0.1, 0.04, 1.0)], weights=np.ones(1))
-    whitened = _Whitened(fit, chained(time, np.zeros(n), True), slope[None], left)
+    whitened = Whitened([Noise(0.1, 0.04, 1.0)], chained(time, np.zeros(n), True), left, slope[None])
     laws = _Laws(added, slope[None], _pieces(block))
     lines = [added[:, None] * _straight(v) for v in values]
     return np.array([(laws.gain(left, row)[1] / SURE, whitened.chance(row)) for row in lines]).T
@@ -219,9 +218,11 @@ def test_equal_speeds_are_one_level_whatever_rounding_makes_of_them():
 def _given(residual, variable, block):
     """A residual of one channel with friction as the only response, for `_dependence`."""
     edges = np.quantile(variable, np.linspace(0, 1, 25)[1:-1])
-    return _Given(SimpleNamespace(study=SimpleNamespace(columns={}), outputs=[]), None, residual[None],
-                  [np.ones((1, residual.size))], [True], np.ones((1, 1)), {"x": [np.searchsorted(edges, variable)]},
-                  block % 5, block, np.empty(0))
+    chain = chained(0.01 * np.arange(residual.size), np.zeros(residual.size), True)
+    return _Given(SimpleNamespace(study=SimpleNamespace(columns={}), outputs=[]), SimpleNamespace(chain=chain),
+                  residual[None], [np.ones((1, residual.size))], [True], np.ones((1, 1)),
+                  {"x": [np.searchsorted(edges, variable)]}, block % 5, block, np.empty(0),
+                  [fit_noise(residual, chain)])
 
 
 def _sure(acting, seed, blocks=30):
@@ -241,6 +242,21 @@ def test_noise_depends_on_nothing_however_blocks_differ():
 
 def test_what_a_fifth_of_the_blocks_shows_is_seen():
     assert sum(_sure(10, seed) for seed in range(20)) >= 18
+
+
+def _slowly(law, seed, blocks=14, length=120):
+    """Whether a residual is said to depend on a load that changes as slowly as its noise; blocks of 1.2 s."""
+    rng, n = np.random.default_rng(seed), blocks * length
+    kept = np.exp(-0.01)
+    slow = lfilter([np.sqrt(1 - kept ** 2)], [1, -kept], rng.standard_normal(n))
+    load = np.sin(2 * np.pi * np.arange(n) / (2.3 * length))
+    residual = law(load) + rng.standard_normal(n) + 0.8 * slow
+    return _dependence(_given(residual, load, np.repeat(np.arange(blocks), length)), np.array([True])).sure
+
+
+def test_what_slow_noise_would_do_as_well_is_nothing_and_what_it_would_not_is_seen():
+    assert sum(_slowly(lambda load: 0.0 * load, seed) for seed in range(100)) <= binom.ppf(0.999, 100, 0.01)
+    assert sum(_slowly(lambda load: 3.0 * load ** 2, seed) for seed in range(20)) >= 18
 
 
 def _of_time(law, seed, memory=4.0, step=0.01, count=9600):
