@@ -37,6 +37,8 @@ _REST = {
     "contested": ("diagnosis.rivals.CONTESTED", "alternatives beyond which none is a name"),
     "contested_beside": ("diagnosis.rivals.BESIDE", "the same where other effects are in the model"),
     "kinds": ("diagnosis.rivals.KINDS", "effects that may be alternatives of one another at any number of places"),
+    "depends_chance": ("diagnosis.dependence.CHANCE",
+                       "chance by which one of all variables may do as much in correlated noise, or less"),
     "depends": ("diagnosis.dependence.ALARM",
                 "standard errors by which a dependence must lower the error on unseen blocks"),
     "above_floor": ("diagnosis.remainder.SLOW",
