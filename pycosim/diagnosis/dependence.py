@@ -365,8 +365,11 @@ class _Given:
         noise = [n for n, c in zip(self.noise, chosen) if c]
         seen = Whitened(noise, self.problem.chain, self.residual[chosen])
         count = sum(len(self.telling(name)) * len(every) for name, every in self.bins.items())
-        return any(seen.chance(self.waves[k][chosen, None] * (bins == np.arange(bins.max() + 1)[:, None]))
-                   < CHANCE / count for _, k, bins in sorted(laws, key=lambda law: -law[0]))
+        for _, k, bins in sorted(laws, key=lambda law: -law[0]):
+            cells = bins == np.arange(bins.max() + 1)[:, None]
+            if seen.chance(wave * cells for wave in self.waves[k][chosen]) < CHANCE / count:
+                return True
+        return False
 
     def removed(self, drives, bins, energy):
         """Share of the energy that each wave times a function of bins removes out of fold, and its standard errors.

@@ -6,8 +6,6 @@ of them. In units of the noise itself, white and slow, what some columns take of
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 from scipy.stats import chi2
 
@@ -30,42 +28,39 @@ class Whitened:
     """
 
     def __init__(self, noise, chain, residual, slope=None):
-        self.noise, self.chain, self.residual, self.slope = noise, chain, residual, slope
-
-    def _of(self, rows):
-        """The channels one after the other: shape (channels * n, any)."""
-        return np.concatenate([n.whiten(r, self.chain).T for n, r in zip(self.noise, rows)])
-
-    @cached_property
-    def _base(self):
-        """What spans the slopes, and the residual beside them."""
-        left = self._of(self.residual[:, None])[:, 0]
-        span = np.zeros((len(left), 0)) if self.slope is None else _span(self._of(self.slope))
-        return span, left - span @ (span.T @ left)
+        self.noise, self.chain, self.count = noise, chain, residual.size
+        free = residual[:, None][:, :0] if slope is None else slope
+        self._base = [n.whiten(np.concatenate([f, r[None]]), chain) for n, f, r in zip(noise, free, residual)]
 
     def chance(self, columns):
         """Chance that noise alone gains as much by columns beside the slopes.
 
         Parameters
         ----------
-        columns : ndarray, shape (channels, any, n)
-            Any number of them.
+        columns : iterable of ndarray, shape (any, n)
+            As many in each channel; one channel is held at a time.
 
         Returns
         -------
         float
             Of all the columns together, by chi-squared.
         """
-        span, left = self._base
-        rows = self._of(columns)
-        more = _span(rows - span @ (span.T @ rows), np.sqrt((rows ** 2).sum(0)))
-        return float(chi2.sf(((more.T @ left) ** 2).sum() / (left ** 2).mean(), max(more.shape[1], 1)))
+        gram = 0.0
+        for noise, base, some in zip(self.noise, self._base, columns):
+            rows = np.concatenate([noise.whiten(some, self.chain), base])
+            gram = gram + rows @ rows.T
+        size = np.sqrt(np.diag(gram))
+        gram = gram / np.maximum(size[:, None] * size, 1e-300)
+        first = len(gram) - len(self._base[0])
+        rest = _beside(gram, np.r_[np.arange(first), len(gram) - 1], np.arange(first, len(gram) - 1))
+        values, vectors = np.linalg.eigh(rest[:-1, :-1])
+        told = values > RANK
+        gain = ((rest[-1, :-1] @ vectors[:, told]) ** 2 / values[told]).sum()
+        return float(chi2.sf(gain * self.count / max(rest[-1, -1], 1e-300), max(np.count_nonzero(told), 1)))
 
 
-def _span(columns, size=None):
-    """Orthonormal columns that span others, but for what is rounding beside the size that each had."""
-    size = np.sqrt((columns ** 2).sum(0)) if size is None else size
-    scaled = columns / np.maximum(size, 1e-300)
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    told = values > RANK * max(values.max(initial=0.0), 1.0)
-    return scaled @ (vectors[:, told] / np.sqrt(values[told]))
+def _beside(gram, kept, free):
+    """Products of the kept columns, without what the free ones span of them."""
+    values, vectors = np.linalg.eigh(gram[np.ix_(free, free)])
+    span = gram[np.ix_(kept, free)] @ (vectors[:, told := values > RANK] / np.sqrt(values[told]))
+    return gram[np.ix_(kept, kept)] - span @ span.T
