@@ -7,7 +7,7 @@ of them. In units of the noise itself, white and slow, what some columns take of
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 RANK = 1e-10  # of the square of a column that is no more than rounding beside others
 
@@ -56,7 +56,7 @@ class Whitened:
         values, vectors = np.linalg.eigh(rest[:-1, :-1])
         told = values > RANK
         gain = ((rest[-1, :-1] @ vectors[:, told]) ** 2 / values[told]).sum()
-        return float(chi2.sf(gain * self.count / max(rest[-1, -1], 1e-300), max(np.count_nonzero(told), 1)))
+        return float(chdtrc(max(np.count_nonzero(told), 1), gain * self.count / max(rest[-1, -1], 1e-300)))
 
 
 def _beside(gram, kept, free):
