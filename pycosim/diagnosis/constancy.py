@@ -19,7 +19,7 @@ from ..fit.bounded import bounded
 from .crossval import difference
 from .dependence import AGAIN, FOLDS, SAMPLES, explanations
 from .rivals import ALIKE, SEPARATE
-from .whitened import Whitened
+from .whitened import CHANCE, Whitened
 
 LEVELS, PARTS = 8, 64  # of a variable, over which the coefficient may differ, and of its range
 LACK = 0.02
@@ -34,11 +34,6 @@ one that is a free function. Three of those 72 right laws gained 0.04 to 0.15 by
 them. A straight line tells a viscosity that is one of speed times load at 4.1, a free function at 3.9, and the
 same signal at other times gains as much by that. Three errors were asked of a line before `CHANCE` was: a drag one way
 in the place of which a viscosity one way stood had 2.9. Of 54 right laws one has more than 1.5 of what passes it."""
-CHANCE = 0.01
-"""Of one of all the laws that are asked to gain as much in correlated noise, by chi-squared. Standard errors over
-stretches count those as independent: noise that changes over a second gave slow variables three in 5 of 92 right laws,
-of which the statistic was 2 to 14 for a line (bar: 14), and 19 for eight levels (31). In what stood first for
-another law, in 18 logs, it was 76 to 640 for a line, and 39 for eight levels."""
 OWNS = "load", "speed", "angle"
 """Variables of a segment on which its law may depend otherwise than the effect has it. For a viscosity that is one of
 speed times load, at both first stages, the largest gain by the load of one of them was 0.0045, at 2.8 standard errors,

@@ -11,7 +11,7 @@ from ..compile import compile_model
 from ..data.instruments import CALM, rounding
 from ..data.noise import contiguous
 from ..data.spikes import mended
-from .whitened import Whitened
+from .whitened import CHANCE, Whitened
 
 BINS = 24
 FINE = 192  # bins of an angle: five in each cycle of what a mesh of some forty teeth does over the travel
@@ -19,9 +19,6 @@ ENOUGH = 20  # blocks, whose scatter tells a standard error; with fewer, passes 
 FOLDS = 5
 MOMENTS = 1.5  # [s]: a stretch in which friction that comes and goes is taken to last
 ALARM = 4.0  # standard errors by which a dependence must lower the error on blocks that it was not fitted to ..
-CHANCE = 0.01
-"""By which correlated noise alone may do as much as one of all variables, whatever the blocks say: of two sound logs in
-which so few flips did, it would in each. What was missing in 12 logs of laws outside had 1e-7 and less."""
 RELEVANT = 0.01
 """Least share of the energy that matters: half a percent of the error, which nobody would notice in an estimate."""
 SAME = 0.9999  # correlation of two angles that tell the same

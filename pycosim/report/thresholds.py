@@ -30,14 +30,14 @@ _EVIDENCE = {
                "share of what a candidate takes that it may gain where its coefficient varies"),
     "varies_sure": ("diagnosis.constancy.SURE",
                     "standard errors by which a varying coefficient must predict unseen data better"),
-    "varies_chance": ("diagnosis.constancy.CHANCE",
+    "varies_chance": ("diagnosis.whitened.CHANCE",
                       "chance by which one of all variables may gain as much in correlated noise by a line, or less"),
 }
 _REST = {
     "contested": ("diagnosis.rivals.CONTESTED", "alternatives beyond which none is a name"),
     "contested_beside": ("diagnosis.rivals.BESIDE", "the same where other effects are in the model"),
     "kinds": ("diagnosis.rivals.KINDS", "effects that may be alternatives of one another at any number of places"),
-    "depends_chance": ("diagnosis.dependence.CHANCE",
+    "depends_chance": ("diagnosis.whitened.CHANCE",
                        "chance by which one of all variables may do as much in correlated noise, or less"),
     "depends": ("diagnosis.dependence.ALARM",
                 "standard errors by which a dependence must lower the error on unseen blocks"),
