@@ -20,6 +20,7 @@ from pycosim.report.folder import Folder
 
 ROOT = Path(__file__).parents[2]
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+APP_LOG = "app.log"
 # no sandbox: CI runs as root; the others keep the browser from looking for servers of its own
 QUIET = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
          "--disable-component-update", "--disable-sync"]
@@ -45,6 +46,9 @@ def pytest_runtest_makereport(item, call):
     if call.when == "call" and report.failed and shown is not None and not shown.is_closed():
         with suppress(Exception):  # a page that does not answer must not hide what failed
             report.sections.append(("What the page said", shown.locator("body").inner_text()))
+    log = getattr(item, "funcargs", {}).get("tmp_path", Path()) / APP_LOG
+    if call.when == "call" and report.failed and log.is_file():
+        report.sections.append(("What the app said", log.read_text()))
     return report
 
 
@@ -93,8 +97,9 @@ def app(study, tmp_path):
                    "--port", str(port), "--out", str(tmp_path / "app")]
         # NiceGUI takes a server that pytest started for one of its own tests
         environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTEST", "NICEGUI"))}
-        started.append(subprocess.Popen(command, cwd=tmp_path, env={**environment, "PYTHONPATH": str(ROOT)},
-                                        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
+        with (tmp_path / APP_LOG).open("a") as log:
+            started.append(subprocess.Popen(command, cwd=tmp_path, env={**environment, "PYTHONPATH": str(ROOT)},
+                                            stdout=log, stderr=subprocess.STDOUT, text=True))
         address, until = f"http://127.0.0.1:{port}", time.monotonic() + 120
         while time.monotonic() < until:
             try:
@@ -102,7 +107,7 @@ def app(study, tmp_path):
                 return address, tmp_path / "app"
             except (URLError, OSError):
                 if started[-1].poll() is not None:
-                    raise AssertionError(started[-1].stdout.read()) from None
+                    raise AssertionError((tmp_path / APP_LOG).read_text()) from None
                 time.sleep(0.3)
         raise AssertionError("the app does not answer")
     yield start
