@@ -70,7 +70,8 @@ class Page:
             self.summary()
             with ui.tabs().props('aria-label="Steps" mobile-arrows outside-arrows') as tabs:
                 names = [ui.tab(n) for n in ("Data", "Comparison", "Effects", "Parameters", "Plan", "Report", "Export")]
-            panels = ui.tab_panels(tabs, value=names[1 if self.bench.steps else 0])
+            # a panel that slides in moves its buttons from under the pointer
+            panels = ui.tab_panels(tabs, value=names[1 if self.bench.steps else 0], animated=False)
             with panels.classes("w-full bg-transparent"):
                 for name, part in zip(names, (self.data, self.comparison, self.effects, self.parameters, self.plan,
                                               self.search, self.export)):

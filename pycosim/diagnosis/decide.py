@@ -43,15 +43,11 @@ STARTS = "what it takes elsewhere it adds where a filter still tells of the star
 UNSOLVED = "beside the effects of the model it has no answer in closed form"
 ELSE = NOTHING, ENDLESS, ASTRAY, LASTING  # reasons that something else is at work
 OPEN = TOO_FEW, *ELSE, BEHIND, UNSOLVED  # reasons that do not say that a candidate is not what is missing
-CLEAR, FEW, UNTOLD = 0.1, 4, 2.0
+CLEAR, FEW = 0.1, 4
 """Of the whitened error, from which an effect may predict unseen passes with what they tell of themselves, where the
 others do not tell the base model; a smaller one must do so with what the others alone tell. Of 16 short logs with
 nothing hidden two had a candidate that took a hundredth; true effects there took a quarter and more. One that takes so
-much and predicts no better is disproved by no fewer than so many blocks. Where the base model errs more than so many
-times as far with what the others alone tell, that is as good as drawn by lot: 1.0 to 1.6 times in 23 short logs, 4 to
-900 times in 13. There the whitened error decides, which counts what the others leave open: in a log of pick and place,
-32 times, an asymmetry that took 0.88 of the error was refused, and a torque constant, 47 noise variances behind, was
-not."""
+much and predicts no better is disproved by no fewer than so many blocks."""
 MUCH, MEANT, SPIKE = 0.5, 0.25, 4.0
 """Of the most that an effect changes in any channel, from which a channel is asked how much of what changes there is
 what was missing. That is all of it for a law that is right: 0.75 to 1.3 of 61 laws in logs of 34 kinds, 0.5 of one;
@@ -209,7 +205,10 @@ def _against(dataset, whole, before, after, usual):
         return ENDLESS
     if _lasting(dataset, *after):
         return LASTING
-    return None if _meant(dataset, before, after) else ASTRAY
+    if not _meant(dataset, before, after):
+        return ASTRAY
+    (effect, _), (model, _) = after[0].attached[-1], before
+    return OWN if _after_turns(dataset, effect.id) and _own_travels(dataset, model, *after) else None
 
 
 def _lasting(dataset, model, fit):
@@ -351,8 +350,7 @@ def _refused(base, finding):
     told = _predicts(base.channels, own.channels)
     clear = difference(base.white, own.white)[0] >= CLEAR * base.white.sum()
     if told and not clear:
-        known = base.alone.sum() < UNTOLD * base.channels.sum()
-        told = _predicts(base.alone, own.alone) if known else "white" in behind(base, own)
+        told = _predicts(base.alone, own.alone) if base.told else "white" in behind(base, own)
     if not told:
         return TOO_FEW if clear and len(base.white) < FEW else "no better on passes that it was not fitted to"
     share = shares[np.argmax(np.abs(shares))]
@@ -383,25 +381,37 @@ def _refuse_as_own(dataset, rivals):
     The rig's is a guess. Of two logs with nothing else hidden after turns, whose machines had a third and a half of it,
     one had a filter for it, and one a lag of friction.
     """
-    own, library = [f for f in rivals if f.refused == OWN], dataset.library
+    own = [f for f in rivals if f.refused == OWN]
     for f in (f for f in rivals if f.refused is None):
-        effect = find_effect(library, f.effect)
-        if (effect.channel or effect_question(library, effect).states) and any(
-                _predicts_less(f.selection, o.selection) for o in own):
+        if _after_turns(dataset, f.effect) and any(_predicts_less(f.selection, o.selection) for o in own):
             f.refused = OWN
 
 
 def _travels(dataset, model, rivals):
-    """What the best memory of friction that is refused as the machine's own travel says of it; nothing if told."""
-    refused = [f for f in rivals if f.refused == OWN and f.p_value < LEVEL
-               and effect_question(dataset.library, find_effect(dataset.library, f.effect)).states]
-    told, question = dataset.study.parameters, dataset.ask(model)
-    known = any(f"{c}.travel" in told and told[f"{c}.travel"].value is not None for c in model.segments)
-    if not refused or known or dataset.averaged or question.late or question.held:
+    """What the best of those that are refused as the machine's own travel says of it; nothing if told."""
+    refused = [f for f in rivals if f.refused == OWN and f.p_value < LEVEL and _after_turns(dataset, f.effect)]
+    if not refused:
         return {}
     best = min(refused, key=lambda f: f.selection.white.sum())
-    larger = compile_model(dataset.library, model.rig, [*model.keys, best.key])
-    return travels(dataset, model, larger, best.fit, 1 - ALIKE)
+    return _own_travels(dataset, model, compile_model(dataset.library, model.rig, [*model.keys, best.key]), best.fit)
+
+
+def _after_turns(dataset, effect):
+    """Whether an effect acts after turns, as another travel of the machine's own does."""
+    found = find_effect(dataset.library, effect)
+    return bool(found.channel or effect_question(dataset.library, found).states)
+
+
+def _own_travels(dataset, model, larger, fit):
+    """The machine's own travels that do what the effect of a larger model does; nothing where they do not, or are told.
+
+    The rig's are a guess, so that another has the effect's place: what it does beside them is asked once they are in.
+    """
+    told, question = dataset.study.parameters, dataset.ask(model)
+    known = any(f"{c}.travel" in told and told[f"{c}.travel"].value is not None for c in model.segments)
+    if known or dataset.averaged or question.late or question.held:
+        return {}
+    return travels(dataset, model, larger, fit, 1 - ALIKE)
 
 
 def _percent(share):

@@ -20,6 +20,7 @@ def alike(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
 
     Rivals that take away very different parts of the error are no alternatives, however noisy the comparison. One that
     its bounds hold errs less in the plain error than one that the other folds must tell: the whitened one counts that.
+    Where the folds tell one of them next to nothing, the plain error is not asked.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ def alike(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
     bool
     """
     least = {"white": 2.0 * errors ** 2, "raw": PLAIN * best.raw.sum()}
-    for kind in kinds:
+    for kind in (k for k in kinds if k in _asked(other, best)):
         more, spread = gap(other, best, kind)
         taken = difference(getattr(base, kind), getattr(best, kind))[0]
         if more >= least[kind] and not (more <= errors * spread and more < ALIKE * taken):
@@ -59,10 +60,15 @@ def behind(one, other):
         Of ``white`` and ``raw``.
     """
     least, found = {"white": 2.0 * SEPARATE ** 2, "raw": PLAIN * one.raw.sum()}, []
-    for kind in least:
+    for kind in _asked(one, other):
         more, spread = gap(one, other, kind)
         found += [kind] if more > max(SEPARATE * spread, least[kind]) else []
     return found
+
+
+def _asked(*selections):
+    """The kinds of errors that tell models apart: without the plain one where it is the luck of extrapolation."""
+    return ("white", "raw") if all(s.told for s in selections) else ("white",)
 
 
 def twins(base, other, best, errors=SEPARATE, kinds=("white", "raw")):
