@@ -390,3 +390,17 @@ def test_where_the_other_passes_tell_nothing_the_true_one_is_not_refused_by_lot(
     study = make("pick_and_place:direction_asymmetry:1.7:1276000005", tmp_path, quick=True)
     step, = search.improve(Dataset(load_study(study), Library())).steps[1:]
     assert ("direction_asymmetry", "1A") in [step.added, *((t["effect"], t["place"]) for t in step.finding.twins)]
+
+
+def test_a_delay_that_the_machine_s_own_travels_do_better_is_none(tmp_path):
+    """At 200 Hz a third of the rig's travel is over between samples, and a presliding is at two of four segments."""
+    found = pc.open(other_logs.make(2106, tmp_path)).improve()
+    assert (found.added, found.verdict) == ([], "nothing_missing")
+    assert [t["value"] for t in found.last.record["travels"].values()] == 4 * [pytest.approx(3e-4, rel=0.2)]
+
+
+def test_what_is_as_good_is_named_where_other_passes_tell_nothing(tmp_path):
+    """In 10 s the plain error of unseen passes is a hundred times that of fitted ones: a torque constant was alone."""
+    study = make("short:direction_asymmetry:2.4:6226000003", tmp_path, quick=True)
+    step, = search.improve(Dataset(load_study(study), Library())).steps[1:]
+    assert ("direction_asymmetry", "1A") in {step.added, *((t["effect"], t["place"]) for t in step.finding.twins)}

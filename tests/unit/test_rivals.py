@@ -11,10 +11,10 @@ from benchmarks.real_logs.make import make
 from pycosim.compile import Library, compile_model
 from pycosim.data.scatter import _carried, noise_level
 from pycosim.diagnosis import decide, trials
-from pycosim.diagnosis.crossval import Selection, _cross_validate, _predictive, difference, gap
+from pycosim.diagnosis.crossval import UNTOLD, Selection, _cross_validate, _predictive, difference, gap
 from pycosim.diagnosis.decide import ENDLESS, _considered, _decide, _soon
 from pycosim.diagnosis.finding import Finding
-from pycosim.diagnosis.rivals import BESIDE, CONTESTED, KINDS, alike, by_kind, too_many
+from pycosim.diagnosis.rivals import BESIDE, CONTESTED, KINDS, alike, behind, by_kind, too_many
 from pycosim.diagnosis.trials import pressed
 from pycosim.fit.bounded import bounded
 from pycosim.fit.least_squares import Fit
@@ -92,6 +92,18 @@ def test_blocks_in_which_rivals_say_the_same_do_not_make_them_alike():
         told.append((alike(base, rival, best, kinds=("white",)), total <= 1.645 * spread))
     now, before = np.mean(told, axis=0)
     assert now < 0.1 and before > 0.9
+
+
+def test_the_plain_error_is_not_asked_of_rivals_where_other_folds_tell_next_to_nothing():
+    """It is the luck of extrapolation there; the whitened error counts what the others leave open."""
+    noise, shape = np.random.default_rng(3).standard_normal((2, BLOCKS * EACH))
+    best, base = residual_of(noise), residual_of(noise + 2.0 * shape)
+    rival = residual_of(noise + 0.5 * shape)
+    rival = replace(rival, white=best.white, left={**rival.left, "white": best.left["white"]})
+    assert not alike(base, rival, best) and behind(best, rival) == [] and behind(rival, best) == ["raw"]
+    untold = replace(rival, alone=(UNTOLD + 0.1) * rival.channels)
+    assert rival.told and not untold.told
+    assert alike(base, untold, best) and behind(untold, best) == []
 
 
 def test_rivals_that_are_one_model_differ_by_nothing():
