@@ -207,8 +207,9 @@ def _against(dataset, whole, before, after, usual):
         return LASTING
     if not _meant(dataset, before, after):
         return ASTRAY
+    # the rig's travels are a guess: others do all that the effect does, with its other parameters as they are fitted
     (effect, _), (model, _) = after[0].attached[-1], before
-    return OWN if _after_turns(dataset, effect.id) and _own_travels(dataset, model, *after) else None
+    return OWN if effect.channel and _own_travels(dataset, model, *after, 1.0) else None
 
 
 def _lasting(dataset, model, fit):
@@ -402,16 +403,16 @@ def _after_turns(dataset, effect):
     return bool(found.channel or effect_question(dataset.library, found).states)
 
 
-def _own_travels(dataset, model, larger, fit):
+def _own_travels(dataset, model, larger, fit, least=1 - ALIKE):
     """The machine's own travels that do what the effect of a larger model does; nothing where they do not, or are told.
 
-    The rig's are a guess, so that another has the effect's place: what it does beside them is asked once they are in.
+    ``least`` is the part of it that they must do.
     """
     told, question = dataset.study.parameters, dataset.ask(model)
     known = any(f"{c}.travel" in told and told[f"{c}.travel"].value is not None for c in model.segments)
     if known or dataset.averaged or question.late or question.held:
         return {}
-    return travels(dataset, model, larger, fit, 1 - ALIKE)
+    return travels(dataset, model, larger, fit, least)
 
 
 def _percent(share):
