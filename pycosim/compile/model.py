@@ -526,15 +526,17 @@ class Model:
         """
         late = {}
         for effect, place in self.attached:
+            earlier = set()  # of two records that are answers, one moves the motion for both
             for name, c in zip(component_names(effect, place), place.components) if effect.channel else ():
                 delay, lag = values[f"{name}.delay"], values[f"{name}.lag"]
                 if f"{c}.{RECORDED}" in known:
                     self._hold(late, values, f"{c}.{RECORDED}", delay + lag, lag)
                     continue
                 read = {s.name() for s in ca.symvar(ca.vertcat(*[values[n] for n in wanted]))}
-                motion = [n for n in read if n.replace("der(", "").rstrip(")") in known]
+                motion = {n for n in read if n.replace("der(", "").rstrip(")") in known} - earlier
                 for n in sorted(motion, key=lambda n: (n.count("("), n)):
                     self._hold(late, values, n, -delay - lag, 0.0)
+                earlier |= motion
         return late
 
     def _held(self, values):

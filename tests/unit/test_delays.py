@@ -1,5 +1,7 @@
 """A record moved in time is the signal at the time it tells of, and its noise stays what it was."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -20,6 +22,7 @@ from pycosim.study.parse import load_study
 
 TIME = np.arange(0, 4, 0.01)
 ONE = np.zeros(len(TIME))
+PENDULUM = Path(__file__).parents[2] / "examples" / "double_pendulum" / "DoublePendulum.mo"
 RIG = "DriveTrain.Rigs.GearedJoint"
 
 
@@ -360,6 +363,20 @@ def test_an_estimate_whose_speeds_alone_are_moved_needs_the_angle_alone():
 
     np.testing.assert_allclose(force(d)[10:-10], np.interp(TIME - d, TIME, force(0.0))[10:-10], atol=1.0)
     assert np.ptp(force(0.0)) > 1000
+
+
+def test_two_torques_that_the_motion_predicts_are_as_late_as_one():
+    """Each moved the motion for both: a delay of the pair was found at half its length."""
+    library = Library([PENDULUM])
+    pendulum = compile_model(library, "DoublePendulum", [("time_delay", "torque")])
+
+    def torques(d):
+        motion = {"motor1.phi": np.sin(3 * TIME), "motor2.phi": 0.7 * np.sin(4 * TIME)}
+        return np.array(list(estimate(pendulum, motion, TIME, {"time_delay_torque.d": d}).values()))
+
+    moved = torques(0.1)[:, 20:-20]
+    then = np.array([np.interp(TIME - 0.1, TIME, t) for t in torques(0.0)])[:, 20:-20]
+    np.testing.assert_allclose(moved, then, atol=0.02 * np.abs(then).max())
 
 
 @pytest.mark.parametrize("later", [-0.0137, 0.004, 0.05, 0.0])
