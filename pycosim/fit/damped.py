@@ -61,7 +61,7 @@ def solve(gram, x, free, low, high, evaluations, enough=ENOUGH):
         units = np.maximum(units, np.diag(a))
         there = np.clip(x + bounded(a + damping * np.diag(units), b, low - x, high - x)[1], low, high)
         promised = 2 * (there - x) @ b - (there - x) @ a @ (there - x)
-        if promised < enough * squares:
+        if not promised > enough * squares:  # nothing is left to gain, where nothing is left at all too
             break
         after = gram(there)
         kept = (squares - after[-1, -1]) / promised if np.isfinite(after).all() else -np.inf

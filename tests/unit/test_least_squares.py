@@ -79,6 +79,11 @@ def test_units_of_a_parameter_change_nothing():
     assert np.allclose(*ends, rtol=1e-3)
 
 
+def test_a_start_that_leaves_nothing_is_the_answer_without_a_warning():
+    with np.errstate(all="raise"):
+        assert solve(lambda z: np.diag([1.0, 0.0]), np.array([2.0]), ["k"], np.array([0.0]), np.array([3.0]), 60) == 2.0
+
+
 def test_no_finite_answer_at_the_start_is_told_with_the_values():
     with pytest.raises(NoAnswerError, match="no finite answer at the start, k = 2;"):
         solve(lambda z: np.full((2, 2), np.nan), np.array([2.0]), ["k"], np.array([0.0]), np.array([3.0]), 60)
