@@ -101,7 +101,7 @@ def diagnose(dataset, model, fit, seed=0, progress=None, finished=True, known=No
     base = select(dataset, model, fit, scores.single)
     rivals = refit_best(dataset, model, fit, scores, findings, base, table, say)
     _refuse_as_lesser(whole, model, fit, base, rivals)
-    _refuse_as_own(dataset, rivals)
+    _refuse_after_turns(dataset, rivals)
     told = dependence(dataset, model, fit, seed)
     depends, alarm = told.variables, told.sure
 
@@ -376,16 +376,18 @@ def _refuse_as_lesser(dataset, model, fit, base, rivals):
             f.refused = f"too small beside the other effects: {_percent(whole)} of the squared error without any"
 
 
-def _refuse_as_own(dataset, rivals):
-    """Refuse what acts after turns and predicts less than a travel that may be the machine's own, for which it stands.
+def _refuse_after_turns(dataset, rivals):
+    """Refuse what acts after turns and predicts less than what is no name there, for which it stands.
 
-    The rig's is a guess. Of two logs with nothing else hidden after turns, whose machines had a third and a half of it,
-    one had a filter for it, and one a lag of friction.
+    That is a travel that may be the machine's own, for the rig's is a guess: of two logs with nothing else hidden after
+    turns, whose machines had a third and a half of it, one had a filter for it, and one a lag of friction. Or it is what
+    is over between two samples: beside a reference that lagged by less than one, the jumps of friction at two segments
+    were a lag of it at one.
     """
-    own = [f for f in rivals if f.refused == OWN]
-    for f in (f for f in rivals if f.refused is None):
-        if _after_turns(dataset, f.effect) and any(_predicts_less(f.selection, o.selection) for o in own):
-            f.refused = OWN
+    able = [f for f in rivals if _after_turns(dataset, f.effect)]
+    ahead = [f for f in able if f.refused in (OWN, BETWEEN) and f.p_value < LEVEL]
+    for f in (f for f in able if f.refused is None):
+        f.refused = next((o.refused for o in ahead if _predicts_less(f.selection, o.selection)), None)
 
 
 def _travels(dataset, model, rivals):
