@@ -28,6 +28,10 @@ _REACH, _LOOSE = 6.0, 0.3  # time constants near an end, and the share of the ti
 _TRIED = 60  # bandwidths
 _SHORT = 16  # samples, of which no spectrum is worth taking
 _KNOTS = 0.5  # distance of the knots, over the time constant of the bandwidth
+AWAY = 3.0
+"""Root mean square of what an angle is off its curve, over that of its noise, beyond which the curve does not follow it.
+At ends in motion of 21 records it was 0.9 to 1.4 where the motion went on as before, and 5 to 53 where it set off or
+stopped there."""
 _SAME = 1e-7  # of the travel: rounding of numbers; no sensor resolves less
 
 
@@ -93,6 +97,8 @@ class Derivatives:
         Frequency [Hz] up to which the record was followed.
     trust : float
         Noise of a measured speed over that of the angle, counted in sample intervals; infinite where no speed was used.
+    unsure : ndarray of bool, shape (n,)
+        Samples near an end of the record, which sets off or stops there faster than it was followed.
     """
 
     first: np.ndarray
@@ -100,6 +106,7 @@ class Derivatives:
     noise: float
     bandwidth: float
     trust: float = math.inf
+    unsure: np.ndarray | None = None
 
 
 def passed_on(time, bandwidth, trust):
@@ -162,7 +169,7 @@ def derivatives(time, angle, speed=None):
     step = float(np.median(np.diff(time)))
     seen = max(resolution(angle, time) / np.sqrt(12.0), _SAME * float(np.ptp(angle)))
     if seen == 0.0:
-        return Derivatives(np.zeros(len(time)), np.zeros(len(time)), 0.0, 0.0)
+        return Derivatives(np.zeros(len(time)), np.zeros(len(time)), 0.0, 0.0, unsure=np.zeros(len(time), bool))
     u, y = (time - time[0]) / step, (angle - angle[0]) / seen
     band = _bandwidth(u, y, 2)
     curve, trust = _Curve(u, band), math.inf
@@ -181,7 +188,23 @@ def derivatives(time, angle, speed=None):
             found = curve.fit(y / noise, band, v / noise, trust) * noise
             scatter = min(scatter, spread)
     return Derivatives(curve.first @ found * (seen / step), curve.second @ found * (seen / step**2),
-                       float(scatter * seen / step), band / (2 * math.pi * step), trust)
+                       float(scatter * seen / step), band / (2 * math.pi * step), trust,
+                       _unsure(u, y - curve.value @ found, 2 * math.pi / band))
+
+
+def _unsure(u, off, period):
+    """Samples within a period of the bandwidth of either end, where half of that is further off the curve than noise.
+
+    Inside the record a curve sees what comes before and after. Where it ends in a motion, the curve has one side, and
+    goes on as smoothly as the whole: a chirp that set off within 60 ms was 1.6 m/s2 off there, for one of 3.9.
+    """
+    usual = AWAY * max(1.0, 1.4826 * np.median(np.abs(off)))
+    found = np.zeros(len(u), bool)
+    for from_end in (u - u[0], u[-1] - u):
+        near = from_end < max(period / 2, _LEAST)
+        if np.sqrt(np.mean(off[near]**2)) > usual:
+            found |= from_end < max(period, _LEAST)
+    return found
 
 
 def _lagging(off, acceleration):

@@ -57,6 +57,8 @@ class Motion:
         First and second derivatives, as ``der(motor.phi)`` [rad/s] and ``der(der(motor.phi))`` [rad/s2].
     spread : dict of str to float
         Standard deviation of the noise left in each first derivative, in its unit.
+    unsure : ndarray of bool, shape (n,)
+        Samples at whose ends of a log the derivatives do not follow the motion.
 
     Raises
     ------
@@ -67,6 +69,7 @@ class Motion:
     def __init__(self, angles, time, run, measured, paths):
         self.time, self.run, self.measured = time, run, measured
         self.rates, self.spread, self._followed, self._memo = {}, {}, {}, {}
+        self.unsure = np.zeros(len(time), bool)
         for angle in angles:
             self._derive(angle, paths)
 
@@ -83,6 +86,7 @@ class Motion:
                 except DataError as error:
                     raise DataError(f"{path}: {error}; record more, or leave the log out") from None
                 first[part], second[part] = found.first, found.second
+                self.unsure[part] |= found.unsure
                 variance.append(found.noise**2)
                 self._followed[angle, k] = found.bandwidth, found.trust
         self.rates[name], self.rates[f"der({name})"] = first, second

@@ -179,6 +179,7 @@ def _cut(dataset, least, angles):
     moving = segmentation.moving(dataset.speeds, least, dataset.run)
     passes = segmentation.passes(dataset.time, dataset.speeds, moving, dataset.run)
     moving = without_ends(dataset, moving, passes, [dataset.measured[n] for n in angles]) & ~dataset.left_out
+    moving &= ~dataset.motion.unsure
     return moving, np.where(moving, passes, -1)
 
 
