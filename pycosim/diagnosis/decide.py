@@ -380,9 +380,9 @@ def _refuse_after_turns(dataset, rivals):
     """Refuse what acts after turns and predicts less than what is no name there, for which it stands.
 
     That is a travel that may be the machine's own, for the rig's is a guess: of two logs with nothing else hidden after
-    turns, whose machines had a third and a half of it, one had a filter for it, and one a lag of friction. Or it is what
-    is over between two samples: beside a reference that lagged by less than one, the jumps of friction at two segments
-    were a lag of it at one.
+    turns, whose machines had a third and a half of it, one had a filter for it, and one a lag of friction. Or it is
+    what is over between two samples: beside a reference that lagged by less than one, the jumps of friction at two
+    segments were a lag of it at one.
     """
     able = [f for f in rivals if _after_turns(dataset, f.effect)]
     ahead = [f for f in able if f.refused in (OWN, BETWEEN) and f.p_value < LEVEL]
