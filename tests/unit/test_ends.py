@@ -15,7 +15,7 @@ TIME = np.arange(0, 30, STEP)
 
 
 def motion(fade):
-    """A swing that begins and ends in motion, with a speed that comes within ``fade`` s and goes so; its acceleration."""
+    """A swing that begins and ends in motion, with a speed that comes and goes within ``fade`` s; its acceleration."""
     grows = np.clip(np.minimum(TIME, TIME[-1] - TIME) / fade, 0, 1) if fade else np.ones(len(TIME))
     speed = (1.2 + 0.3 * np.sin(1.3 * TIME)) * (0.3 + 0.35 * (1 - np.cos(np.pi * grows)))
     angle = np.cumsum(speed) * STEP + 2e-5 * np.random.default_rng(0).standard_normal(len(TIME))
@@ -42,8 +42,8 @@ def test_unsure_ends_are_not_compared(tmp_path):
     angle, _ = motion(0.06)
     frame = pd.DataFrame({"time": TIME, "theta": angle, "tau": 0.3, "C": 10.0})
     frame.to_csv(tmp_path / "log.csv", index=False)
-    (tmp_path / "study.toml").write_text("\n".join(
-        line for line in GEARED.replace("runs = []", 'runs = ["log.csv"]').splitlines() if not line.startswith("omega")))
+    lines = GEARED.replace("runs = []", 'runs = ["log.csv"]').splitlines()
+    (tmp_path / "study.toml").write_text("\n".join(line for line in lines if not line.startswith("omega")))
     dataset = Dataset(load_study(tmp_path / "study.toml"), Library())
     unsure = derivatives(TIME, angle).unsure
     assert unsure.any() and not dataset.moving[unsure].any() and dataset.moving[~unsure].mean() > 0.95
