@@ -95,18 +95,18 @@ class Derivatives:
         Standard deviation of the first, well inside the record.
     bandwidth : float
         Frequency [Hz] up to which the record was followed.
-    trust : float
-        Noise of a measured speed over that of the angle, counted in sample intervals; infinite where no speed was used.
     unsure : ndarray of bool, shape (n,)
         Samples near an end of the record, which sets off or stops there faster than it was followed.
+    trust : float
+        Noise of a measured speed over that of the angle, counted in sample intervals; infinite where no speed was used.
     """
 
     first: np.ndarray
     second: np.ndarray
     noise: float
     bandwidth: float
+    unsure: np.ndarray
     trust: float = math.inf
-    unsure: np.ndarray | None = None
 
 
 def passed_on(time, bandwidth, trust):
@@ -169,7 +169,7 @@ def derivatives(time, angle, speed=None):
     step = float(np.median(np.diff(time)))
     seen = max(resolution(angle, time) / np.sqrt(12.0), _SAME * float(np.ptp(angle)))
     if seen == 0.0:
-        return Derivatives(np.zeros(len(time)), np.zeros(len(time)), 0.0, 0.0, unsure=np.zeros(len(time), bool))
+        return Derivatives(np.zeros(len(time)), np.zeros(len(time)), 0.0, 0.0, np.zeros(len(time), bool))
     u, y = (time - time[0]) / step, (angle - angle[0]) / seen
     band = _bandwidth(u, y, 2)
     curve, trust = _Curve(u, band), math.inf
@@ -188,8 +188,8 @@ def derivatives(time, angle, speed=None):
             found = curve.fit(y / noise, band, v / noise, trust) * noise
             scatter = min(scatter, spread)
     return Derivatives(curve.first @ found * (seen / step), curve.second @ found * (seen / step**2),
-                       float(scatter * seen / step), band / (2 * math.pi * step), trust,
-                       _unsure(u, y - curve.value @ found, 2 * math.pi / band))
+                       float(scatter * seen / step), band / (2 * math.pi * step),
+                       _unsure(u, y - curve.value @ found, 2 * math.pi / band), trust)
 
 
 def _unsure(u, off, period):

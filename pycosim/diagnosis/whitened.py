@@ -71,4 +71,3 @@ class Whitened:
         told = values > NULL
         gain = ((rest[-1, :-1] @ vectors[:, told]) ** 2 / values[told]).sum()
         return float(chdtrc(max(np.count_nonzero(told), 1), gain * self.count / max(rest[-1, -1], 1e-300)))
-
